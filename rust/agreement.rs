@@ -1,10 +1,10 @@
 //! Agreement of points and full-resolution label images at a pose: exact mutual information, label agreement,
 //! overlap.
 
+use geometry::camera::Camera;
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
-use crate::camera::Camera;
 use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 use crate::mutual_information::JointHistogram;
@@ -19,7 +19,7 @@ const COVER_BLOCKS: f64 = 40.0;
 const CLUSTERS_ACROSS: f64 = 8.0;
 
 /// Weight, in points, of pairs that do not occur in the other observations.
-const LEAST_WEIGHT: f64 = 0.1;
+const MIN_WEIGHT: f64 = 0.1;
 
 #[derive(Clone, Debug)]
 pub struct Agreement {
@@ -76,7 +76,7 @@ fn merged(observations: &Observations, clusters: &[&JointHistogram]) -> JointHis
 
 /// Gain from one pose to another, nats.
 #[derive(Clone, Copy, Debug)]
-pub struct HeldOutGain {
+pub struct InformationGain {
     /// Mean gain over all pairs.
     pub gain: f64,
     /// Standard error of the gain over clusters; infinite if there are fewer than two.
@@ -96,12 +96,12 @@ pub struct HeldOut<'a> {
 
 /// Gain of held-out data from one pose to another, by the tables of pointwise mutual information of other
 /// observations at each pose: the first term of the Donsker-Varadhan bound. Clusters are paired.
-pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> HeldOutGain {
+pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> InformationGain {
     let [before, after] = [before, after].map(|HeldOut { observations, held_out, pose }| {
-        let table = measure(observations, pose).joint.pointwise_at_least(LEAST_WEIGHT);
+        let table = measure(observations, pose).joint.pointwise_at_least(MIN_WEIGHT);
         let frames = per_frame(held_out, pose);
         let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();
-        let total = merged(held_out, &clusters).total().max(LEAST_WEIGHT);
+        let total = merged(held_out, &clusters).total().max(MIN_WEIGHT);
         let score = |cluster: &&JointHistogram| {
             cluster.weights.iter().zip(&table).map(|(weight, pmi)| weight * pmi).sum::<f64>() / total
         };
@@ -109,10 +109,10 @@ pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> HeldOutGain {
     });
     let pairs = before.iter().zip(&after).filter(|(b, a)| **b != 0.0 || **a != 0.0);
     let gains: Vec<f64> = pairs.map(|(before, after)| after - before).collect();
-    HeldOutGain::of_parts(gains)
+    InformationGain::of_parts(gains)
 }
 
-impl HeldOutGain {
+impl InformationGain {
     /// The sum of the gains of independent parts.
     pub fn of_parts(gains: Vec<f64>) -> Self {
         // The empty sum of floats is minus zero.

@@ -9,7 +9,7 @@ pub const NO_CLASS: u8 = u8::MAX;
 pub const NUM_IDS: usize = 1 << u16::BITS;
 
 /// Flags the ids that occur in any of the frames.
-pub fn seen(frames: &[&[u16]]) -> Vec<bool> {
+pub fn seen_ids(frames: &[&[u16]]) -> Vec<bool> {
     let none = || vec![false; NUM_IDS];
     let of_frame = |mut seen: Vec<bool>, ids: &&[u16]| {
         ids.iter().for_each(|&id| seen[usize::from(id)] = true);
@@ -107,8 +107,8 @@ impl ClassShares {
         Ok(())
     }
 
-    /// The same items with other classes: `table` maps each class to its new class, or to `NO_CLASS`, which drops
-    /// its share. Shares of merged classes add up.
+    /// Returns the same items with other classes: `table` maps each class to its new class, or to `NO_CLASS`, which
+    /// drops its share. Shares of merged classes add up.
     pub fn renamed(&self, table: &[u8; 256]) -> Self {
         let mut renamed = Self::default();
         for index in 0..self.len() {

@@ -1,12 +1,12 @@
 //! Pixel-point pairs from a registration, for PnP (Alg. 2, lines 5-7).
 
+use geometry::camera::Camera;
 use nalgebra::Point2;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::camera::Camera;
 use crate::classes::NO_CLASS;
 use crate::error::Result;
 use crate::label_image::LabelImage;
@@ -15,7 +15,7 @@ use crate::point_cloud::to_f64;
 use crate::registration::Hypothesis;
 use crate::spherical::{LabelledReturn, SphericalImages};
 use crate::thinning::{stride, thinned};
-use crate::zoom::{Zoom, Zoomed};
+use crate::zoom::{Zoom, ZoomedImage};
 
 /// Number of columns and rows of image blocks over which pairs are spread, in addition to bands of range.
 const BLOCKS: (usize, usize) = (12, 8);
@@ -46,7 +46,7 @@ pub fn sample(
     count: usize,
     seed: u64,
 ) -> Result<Vec<Vec<Correspondence>>> {
-    let zoomed = Zoomed::new(&observations.camera, zoom)?;
+    let zoomed = ZoomedImage::new(&observations.camera, zoom)?;
     let stride = stride(images.num_returns(), MAX_RETURNS);
     let sample = |hypothesis: &Hypothesis| {
         let mut pairs = agreeing(observations, &zoomed, images, stride, hypothesis);
@@ -59,7 +59,7 @@ pub fn sample(
 /// The pairs of a registration whose classes agree, from one of every `stride` returns.
 fn agreeing(
     observations: &Observations,
-    zoomed: &Zoomed,
+    zoomed: &ZoomedImage,
     images: &SphericalImages,
     stride: usize,
     hypothesis: &Hypothesis,

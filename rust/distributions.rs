@@ -5,16 +5,16 @@ use statrs::function::beta::{beta_reg, ln_beta};
 
 /// Smallest tail probability of Student's t, and its fewest degrees of freedom: beyond them the inverse of the
 /// incomplete beta function is inaccurate.
-pub const RAREST: f64 = 1e-9;
-pub const FEWEST_DEGREES: f64 = 0.3;
+pub const MIN_TAIL: f64 = 1e-9;
+pub const MIN_DEGREES: f64 = 0.3;
 /// From this many degrees of freedom on, that inverse loses precision, and an expansion has full precision.
 const MANY_DEGREES: f64 = 1e5;
 
-/// The quantile of Student's t; `None` unless `RAREST <= probability <= 1 - RAREST` and the degrees of freedom are
-/// finite and at least [`FEWEST_DEGREES`].
+/// The quantile of Student's t; `None` unless `MIN_TAIL <= probability <= 1 - MIN_TAIL` and the degrees of freedom are
+/// finite and at least [`MIN_DEGREES`].
 #[must_use]
 pub fn student_quantile(probability: f64, degrees_of_freedom: f64) -> Option<f64> {
-    let is_known = (RAREST..=1.0 - RAREST).contains(&probability) && degrees_of_freedom >= FEWEST_DEGREES;
+    let is_known = (MIN_TAIL..=1.0 - MIN_TAIL).contains(&probability) && degrees_of_freedom >= MIN_DEGREES;
     if !(is_known && degrees_of_freedom.is_finite()) {
         return None;
     }

@@ -7,28 +7,28 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use geometry::angles::{azimuth, elevation, from_angles};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::point_cloud::to_f64;
 use crate::segmentation::is_return;
-use crate::spherical::{azimuth, elevation, from_angles};
 
 /// Height of the rows used to look up neighbours, radians.
 const ROW: f64 = 1e-3;
 /// Rays closer than this count as one direction, radians.
-const LEAST_ANGLE: f64 = 3e-4;
+const MIN_ANGLE: f64 = 3e-4;
 /// Elevation tolerance of a neighbour, radians, and the same relative to its distance: a ring is not a circle if
 /// the sensor is tilted or corrects for the positions of its lasers, and a rosette has no rings.
-const LEAST_HEIGHT: f64 = 5e-4;
+const HEIGHT_TOLERANCE: f64 = 5e-4;
 const SLOPE: f64 = 0.3;
 /// Largest distance of a neighbour, radians.
 const REACH: f64 = 0.02;
 /// A gap of more than this many times the usual distance of neighbours means that returns are missing.
-const GAP: f64 = 7.0;
+const MAX_GAP: f64 = 7.0;
 
 /// Smallest cosine of an elevation: at the poles azimuths are meaningless.
-const LEAST_COSINE: f64 = 1e-3;
+const MIN_COSINE: f64 = 1e-3;
 
 /// Changes from each point of a sweep to its neighbours.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -58,27 +58,27 @@ pub fn steps(sweeps: &[Scanned], same_surface_m: f64) -> Vec<Steps> {
 
 fn of_sweep(points: &[[f32; 3]], intensity: Option<&[f32]>, same_surface_m: f64) -> Steps {
     let rays = Rays::of(points);
-    let beside: Vec<[Option<Beside>; 2]> =
-        (0..rays.sorted.len()).into_par_iter().map(|at| rays.beside(at)).collect();
-    let spacing = usual_distance(&beside);
-    let mut found = Steps {
+    let neighbours: Vec<[Option<Neighbour>; 2]> =
+        (0..rays.sorted.len()).into_par_iter().map(|at| rays.neighbours(at)).collect();
+    let spacing = median_distance(&neighbours);
+    let mut steps = Steps {
         range_m: vec![f32::NAN; points.len()],
         to_range_step_m: vec![[0.0; 3]; points.len()],
         intensity: intensity.map(|values| vec![f32::NAN; values.len()]),
         to_intensity_step_m: vec![[0.0; 3]; points.len()],
         spacing,
     };
-    for (ray, sides) in rays.sorted.iter().zip(&beside) {
-        let sides = sides.map(|side| side.filter(|beside| beside.distance <= GAP * spacing));
-        let step = |side: Option<Beside>| {
+    for (ray, sides) in rays.sorted.iter().zip(&neighbours) {
+        let sides = sides.map(|side| side.filter(|beside| beside.distance <= MAX_GAP * spacing));
+        let step = |side: Option<Neighbour>| {
             side.map_or(f64::INFINITY, |beside| rays.sorted[beside.at].range - ray.range)
         };
         let [left, right] = sides.map(step);
         let side = usize::from(right > left);
-        found.range_m[ray.index] = f64::max(left, right) as f32;
+        steps.range_m[ray.index] = f64::max(left, right) as f32;
         let neighbour = sides[side].map(|beside| rays.sorted[beside.at]);
-        found.to_range_step_m[ray.index] = ray.half_way(neighbour, side, spacing);
-        if let Some((intensity, values)) = intensity.zip(found.intensity.as_mut()) {
+        steps.to_range_step_m[ray.index] = ray.half_way(neighbour, side, spacing);
+        if let Some((intensity, values)) = intensity.zip(steps.intensity.as_mut()) {
             for (side, beside) in sides.iter().enumerate() {
                 let Some(other) = beside.map(|beside| rays.sorted[beside.at]) else { continue };
                 let difference = (intensity[other.index] - intensity[ray.index]).abs();
@@ -86,12 +86,12 @@ fn of_sweep(points: &[[f32; 3]], intensity: Option<&[f32]>, same_surface_m: f64)
                 let value = &mut values[ray.index];
                 if is_same && (value.is_nan() || difference > *value) {
                     *value = difference;
-                    found.to_intensity_step_m[ray.index] = ray.half_way(Some(other), side, spacing);
+                    steps.to_intensity_step_m[ray.index] = ray.half_way(Some(other), side, spacing);
                 }
             }
         }
     }
-    found
+    steps
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -116,7 +116,7 @@ impl Ray {
             Some(other) => own + other.direction(),
             None => {
                 let turn =
-                    if side == 0 { 0.5 } else { -0.5 } * spacing / self.elevation.cos().max(LEAST_COSINE);
+                    if side == 0 { 0.5 } else { -0.5 } * spacing / self.elevation.cos().max(MIN_COSINE);
                 from_angles(self.azimuth + turn, self.elevation)
             }
         };
@@ -126,7 +126,7 @@ impl Ray {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Beside {
+struct Neighbour {
     /// Index among the sorted rays.
     at: usize,
     /// Distance, radians of arc.
@@ -165,11 +165,11 @@ impl Rays {
     }
 
     /// Neighbours of a ray towards larger azimuths, and towards smaller ones.
-    fn beside(&self, at: usize) -> [Option<Beside>; 2] {
+    fn neighbours(&self, at: usize) -> [Option<Neighbour>; 2] {
         let ray = &self.sorted[at];
-        let reach_rows = ((LEAST_HEIGHT + SLOPE * REACH) / ROW).ceil() as usize;
+        let reach_rows = ((HEIGHT_TOLERANCE + SLOPE * REACH) / ROW).ceil() as usize;
         let own = row(ray.elevation);
-        let mut found = [None, None];
+        let mut neighbours = [None, None];
         let last = self.starts.len() - 2;
         // Nearer rows first: a ray of a farther row is at least as far away as that row, so a nearer neighbour
         // rules it out.
@@ -179,22 +179,22 @@ impl Rays {
             below.into_iter().chain(above).map(move |row| (away, row))
         });
         for (away, row) in rows {
-            let nearest = ((away as f64 - 1.0) * ROW - LEAST_HEIGHT) / SLOPE;
-            for (side, found) in found.iter_mut().enumerate() {
-                let within = found.map_or(REACH, |best: Beside| best.distance);
-                if found.is_none() || within >= nearest {
-                    *found = self.beside_in_row(ray, row, side, within).or(*found);
+            let nearest = ((away as f64 - 1.0) * ROW - HEIGHT_TOLERANCE) / SLOPE;
+            for (side, nearest_yet) in neighbours.iter_mut().enumerate() {
+                let within = nearest_yet.map_or(REACH, |best: Neighbour| best.distance);
+                if nearest_yet.is_none() || within >= nearest {
+                    *nearest_yet = self.neighbour_in_row(ray, row, side, within).or(*nearest_yet);
                 }
             }
         }
-        found
+        neighbours
     }
 
     /// Neighbour of a ray on one side in a row, within a distance in radians of arc.
-    fn beside_in_row(&self, ray: &Ray, row: usize, side: usize, within: f64) -> Option<Beside> {
+    fn neighbour_in_row(&self, ray: &Ray, row: usize, side: usize, within: f64) -> Option<Neighbour> {
         let rays = &self.sorted[self.starts[row]..self.starts[row + 1]];
-        let across = ray.elevation.cos().max(LEAST_COSINE);
-        let least = LEAST_ANGLE / across;
+        let across = ray.elevation.cos().max(MIN_COSINE);
+        let least = MIN_ANGLE / across;
         // Rays nearer than `least` are skipped at once, however many there are.
         let first = wrapped(ray.azimuth + if side == 0 { least } else { -least });
         let middle = rays.partition_point(|other| other.azimuth < first);
@@ -212,8 +212,8 @@ impl Rays {
                 return None;
             }
             let height = (other.elevation - ray.elevation).abs();
-            if distance > LEAST_ANGLE && height <= LEAST_HEIGHT + SLOPE * distance {
-                return Some(Beside { at: self.starts[row] + place, distance });
+            if distance > MIN_ANGLE && height <= HEIGHT_TOLERANCE + SLOPE * distance {
+                return Some(Neighbour { at: self.starts[row] + place, distance });
             }
         }
         None
@@ -221,8 +221,9 @@ impl Rays {
 }
 
 /// Median distance of neighbours, radians.
-fn usual_distance(beside: &[[Option<Beside>; 2]]) -> f64 {
-    let mut distances: Vec<f64> = beside.iter().flatten().flatten().map(|beside| beside.distance).collect();
+fn median_distance(neighbours: &[[Option<Neighbour>; 2]]) -> f64 {
+    let mut distances: Vec<f64> =
+        neighbours.iter().flatten().flatten().map(|neighbour| neighbour.distance).collect();
     if distances.is_empty() {
         return 0.0;
     }
@@ -259,8 +260,8 @@ mod tests {
         (points, intensity)
     }
 
-    fn columns_where(found: &[f32], is_edge: impl Fn(f32) -> bool) -> Vec<usize> {
-        let mut columns: Vec<usize> = found
+    fn columns_where(steps: &[f32], is_edge: impl Fn(f32) -> bool) -> Vec<usize> {
+        let mut columns: Vec<usize> = steps
             .iter()
             .enumerate()
             .filter(|(_, step)| is_edge(**step))
@@ -275,12 +276,12 @@ mod tests {
     fn only_the_near_side_has_an_edge_in_range_and_both_sides_one_in_intensity() {
         for turned_rad in [0.0, 1.0, std::f64::consts::PI] {
             let (points, intensity) = scene(turned_rad);
-            let found = &steps(&[(&points, Some(&intensity))], 0.3)[0];
-            assert_eq!(columns_where(&found.range_m, |step| step.is_finite() && step > 4.0), [56, 64]);
+            let steps = &steps(&[(&points, Some(&intensity))], 0.3)[0];
+            assert_eq!(columns_where(&steps.range_m, |step| step.is_finite() && step > 4.0), [56, 64]);
             // The ends of the scan have no neighbour.
-            assert_eq!(columns_where(&found.range_m, f32::is_infinite), [0, 120]);
+            assert_eq!(columns_where(&steps.range_m, f32::is_infinite), [0, 120]);
             assert_eq!(
-                columns_where(found.intensity.as_deref().unwrap_or_default(), |step| step > 0.4),
+                columns_where(steps.intensity.as_deref().unwrap_or_default(), |step| step > 0.4),
                 [90, 91]
             );
         }

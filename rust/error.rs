@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use geometry::Invalid;
+
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file cannot be read, or does not hold what its format promises.
@@ -33,5 +35,11 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     pub fn file(path: &Path, reason: impl Into<String>) -> Self {
         Self::File { path: path.to_owned(), reason: reason.into() }
+    }
+}
+
+impl From<Invalid> for Error {
+    fn from(Invalid(message): Invalid) -> Self {
+        Self::Input(message)
     }
 }

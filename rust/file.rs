@@ -9,18 +9,18 @@ use crate::error::{Error, Result};
 
 /// A regular file, open for reading.
 #[derive(Debug)]
-pub struct Opened {
+pub struct OpenFile {
     path: PathBuf,
     file: File,
     size: u64,
 }
 
-impl Opened {
+impl OpenFile {
     /// Opens a regular file. Its kind is checked before it is opened, since opening a device may have side effects,
     /// and again afterwards, since its name may refer to another file by then.
     pub fn open(path: &Path) -> Result<Self> {
         let check = |metadata: io::Result<std::fs::Metadata>| {
-            let metadata = metadata.map_err(|e| complaint(path, e))?;
+            let metadata = metadata.map_err(|e| read_error(path, e))?;
             if !metadata.is_file() {
                 let found = if metadata.is_dir() { "a folder" } else { "a special file" };
                 return Err(Error::file(path, format!("is {found}, needs a file")));
@@ -28,7 +28,7 @@ impl Opened {
             Ok(metadata.len())
         };
         check(std::fs::metadata(path))?;
-        let file = without_waiting().read(true).open(path).map_err(|e| complaint(path, e))?;
+        let file = without_waiting().read(true).open(path).map_err(|e| read_error(path, e))?;
         let size = check(file.metadata())?;
         Ok(Self { path: path.to_owned(), file, size })
     }
@@ -47,9 +47,9 @@ impl Opened {
     /// The content, up to the size that the file had when it was opened.
     pub fn bytes(self) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        let no_memory = |_| complaint(&self.path, ErrorKind::OutOfMemory.into());
+        let no_memory = |_| read_error(&self.path, ErrorKind::OutOfMemory.into());
         bytes.try_reserve_exact(self.size as usize).map_err(no_memory)?;
-        self.file.take(self.size).read_to_end(&mut bytes).map_err(|e| complaint(&self.path, e))?;
+        self.file.take(self.size).read_to_end(&mut bytes).map_err(|e| read_error(&self.path, e))?;
         Ok(bytes)
     }
 
@@ -60,37 +60,37 @@ impl Opened {
     pub fn parse<T>(self, parse: impl FnOnce(Stream<'_>) -> Result<T>) -> Result<T> {
         const BUFFER_BYTES: usize = 1 << 16;
         let failure = Cell::new(None);
-        let watched = Watched { file: self.file, failure: &failure };
-        let result = parse(BufReader::with_capacity(BUFFER_BYTES, watched));
+        let file = WatchedFile { file: self.file, failure: &failure };
+        let result = parse(BufReader::with_capacity(BUFFER_BYTES, file));
         match failure.get() {
-            Some(number) => Err(complaint(&self.path, io::Error::from_raw_os_error(number))),
+            Some(number) => Err(read_error(&self.path, io::Error::from_raw_os_error(number))),
             None => result,
         }
     }
 }
 
 /// The content of a file as a stream.
-pub type Stream<'a> = BufReader<Watched<'a>>;
+pub type Stream<'a> = BufReader<WatchedFile<'a>>;
 
 /// A file that keeps the system's last read error, since parsers replace it by messages of their own.
 #[derive(Debug)]
-pub struct Watched<'a> {
+pub struct WatchedFile<'a> {
     file: File,
     failure: &'a Cell<Option<i32>>,
 }
 
-impl Read for Watched<'_> {
+impl Read for WatchedFile<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let is_lasting = |e: &io::Error| e.kind() != ErrorKind::Interrupted;
-        let found = self.file.read(bytes);
-        if let Some(error) = found.as_ref().err().filter(|e| is_lasting(e)) {
+        let result = self.file.read(bytes);
+        if let Some(error) = result.as_ref().err().filter(|e| is_lasting(e)) {
             self.failure.set(error.raw_os_error());
         }
-        found
+        result
     }
 }
 
-impl Seek for Watched<'_> {
+impl Seek for WatchedFile<'_> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.file.seek(to)
     }
@@ -127,7 +127,7 @@ fn without_waiting() -> OpenOptions {
     options
 }
 
-fn complaint(path: &Path, source: io::Error) -> Error {
+fn read_error(path: &Path, source: io::Error) -> Error {
     match source.kind() {
         ErrorKind::NotFound | ErrorKind::NotADirectory => Error::file(path, "no such file"),
         _ => Error::System { path: path.to_owned(), source },

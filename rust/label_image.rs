@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use png::{BitDepth, ColorType, Transformations};
 use rayon::prelude::*;
 
+use crate::array_file::read_ids;
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
-use crate::file::{Opened, extension};
-use crate::npy::read_ids;
+use crate::file::{OpenFile, extension};
 use crate::probabilities;
 
 /// A row-major image of ids: raw (`u16`) as read, dense (`u8`) in the pipeline.
@@ -96,9 +96,9 @@ fn check_size(path: &Path, found: (usize, usize), camera: (usize, usize)) -> Res
 }
 
 /// Opens a file that is no larger than one of the camera's images can be.
-fn open(path: &Path, (width, height): (usize, usize)) -> Result<Opened> {
+fn open(path: &Path, (width, height): (usize, usize)) -> Result<OpenFile> {
     let limit = (width as u64 * height as u64).saturating_mul(BYTES_A_PIXEL).saturating_add(MORE_BYTES);
-    Opened::open(path)?.at_most(limit, &format!(" for {width} x {height} pixels"))
+    OpenFile::open(path)?.at_most(limit, &format!(" for {width} x {height} pixels"))
 }
 
 fn read_npy(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {

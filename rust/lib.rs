@@ -6,7 +6,7 @@
 
 mod agreement;
 mod alignment;
-mod camera;
+mod array_file;
 mod classes;
 mod correspondences;
 mod distributions;
@@ -18,22 +18,19 @@ mod label_image;
 mod labelling;
 mod motion;
 mod mutual_information;
-mod npy;
 mod observation;
 pub mod point_cloud;
 mod powell;
 mod probabilities;
 mod pyramid;
 mod registration;
-mod se3;
+mod rolling_shutter;
 mod segmentation;
 mod semantic_distance;
-mod shutter;
 mod speckle;
 mod spherical;
 mod thinning;
 mod visibility;
-mod world;
 mod zoom;
 
 #[cfg(feature = "python")]

@@ -5,11 +5,11 @@
 
 use std::ops::RangeInclusive;
 
+use geometry::se3::{exp, log};
 use nalgebra::{Isometry3, Point3, Vector6};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::se3::{exp, log};
 
 /// Number of points that one task moves.
 const CHUNK: usize = 4096;

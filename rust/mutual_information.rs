@@ -74,8 +74,8 @@ impl JointHistogram {
         self.pointwise_at_least(0.0)
     }
 
-    /// The same, with `floor` as the smallest weight of pairs, of classes and of the total: finite, for gradients,
-    /// and zero in an empty histogram.
+    /// Works like [`JointHistogram::pointwise`], with `floor` as the smallest weight of pairs, of classes and of the
+    /// total: finite, for gradients, and zero in an empty histogram.
     pub fn pointwise_at_least(&self, floor: f64) -> Vec<f64> {
         let (rows, columns) = self.marginals();
         let total = self.total().max(floor);
@@ -88,8 +88,8 @@ impl JointHistogram {
         self.weights.iter().enumerate().map(cell).collect()
     }
 
-    /// The same up to rounding, for two blocks of rows separately, and zero in empty rows. This is fast where most
-    /// cells are empty.
+    /// Returns the pointwise mutual information up to rounding, for two blocks of rows separately, and zero in empty
+    /// rows. This is fast where most cells are empty.
     pub fn pointwise_in_blocks(&self, first_of_second: usize, floor: f64) -> Vec<f64> {
         let mut table = vec![0.0; self.weights.len()];
         let place = self.index(first_of_second, 0);

@@ -11,7 +11,8 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::camera::Camera;
+use geometry::camera::Camera;
+
 use crate::classes::{ClassShares, NO_CLASS};
 use crate::error::{Error, Result};
 
@@ -62,13 +63,17 @@ pub struct Observations {
     pub num_point_classes: usize,
     /// Image classes are `0..num_image_classes`, or [`NO_CLASS`].
     pub num_image_classes: usize,
+    /// Maximum distance between camera and LiDAR at which every solver holds a pose, metres.
+    pub max_baseline_m: f64,
+    /// Pixels closer than this to another class have low weight in every objective: see `ShareMap`.
+    pub edge_band_px: usize,
     first_rows: Vec<usize>,
     /// Number of rows of the joint histogram: classes, and the segments of each frame in each of its partitions.
     pub num_rows: usize,
 }
 
 impl Observations {
-    /// Checks that frames, classes and camera are consistent.
+    /// Checks that frames, classes and camera are consistent. The baseline has no limit, and there is no edge band.
     ///
     /// # Errors
     /// There is no frame, counts or sizes disagree, or a class is out of range.
@@ -115,6 +120,8 @@ impl Observations {
             frames: Vec::new(),
             num_point_classes,
             num_image_classes,
+            max_baseline_m: f64::INFINITY,
+            edge_band_px: 0,
             first_rows: Vec::new(),
             num_rows: 0,
         };

@@ -7,16 +7,16 @@ use std::path::{Path, PathBuf};
 use npyz::{DType, Order, TypeChar};
 use rayon::prelude::*;
 
+use crate::array_file::{MAX_HEADER_BYTES, open_archive, read_header};
 use crate::classes::ClassShares;
 use crate::error::{Error, Result};
-use crate::file::Opened;
-use crate::npy::{LONGEST_HEADER, open_archive, read_header};
+use crate::file::OpenFile;
 
 /// Largest number of classes; raw ids are the indices along the last axis.
 const MAX_CLASSES: usize = 255;
 /// Largest number of bytes of one item's probabilities, and of the other bytes of an archive.
 const MAX_ITEM_BYTES: u64 = 8 * MAX_CLASSES as u64;
-const MORE_BYTES: u64 = 4 * LONGEST_HEADER as u64;
+const MORE_BYTES: u64 = 4 * MAX_HEADER_BYTES as u64;
 /// Largest mean number of classes per item: a wider spread carries no information, and a small file could fill the
 /// memory with it.
 const MAX_SPREAD: usize = 32;
@@ -34,7 +34,7 @@ pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
     let invalid = |e: zip::result::ZipError| Error::file(path, format!("is not a readable .npz: {e}"));
     let num_items: u64 = shape.iter().map(|&n| n as u64).product();
     let limit = num_items.saturating_mul(MAX_ITEM_BYTES).saturating_add(MORE_BYTES);
-    let file = Opened::open(path)?.at_most(limit, &format!(" for {num_items} items"))?;
+    let file = OpenFile::open(path)?.at_most(limit, &format!(" for {num_items} items"))?;
     file.parse(|stream| {
         let mut archive = open_archive(stream).map_err(invalid)?;
         if archive.len() != 1 {

@@ -5,10 +5,10 @@
 
 use std::sync::Arc;
 
+use geometry::camera::Camera;
 use nalgebra::{Isometry3, Point2, Point3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::point_cloud::to_f64;
 use crate::powell::{Minimum, PowellConfig, minimize};
@@ -17,7 +17,7 @@ use crate::thinning::{stride, thinned};
 /// Margin around the image, relative to its sides: points that project farther outside at the start are left out.
 const MARGIN: f64 = 0.5;
 /// Factor on the reach of the line searches in every other restart.
-const SHORTER: f64 = 0.2;
+const RESTART_FACTOR: f64 = 0.2;
 
 /// The points of one class in one frame, and the distance of each image block from the nearest pixel of that class.
 #[derive(Clone, Debug)]
@@ -91,7 +91,7 @@ impl SemanticDistance {
         let mut found = DistanceMinimum { pose: *start, cost_px: cost, num_evaluations: 1, converged: false };
         let mut num_idle = 0;
         for restart in 0..=config.max_restarts {
-            let scale = if restart % 2 == 0 { 1.0 } else { SHORTER };
+            let scale = if restart % 2 == 0 { 1.0 } else { RESTART_FACTOR };
             let (pose, minimum) = near.descend(&found.pose, scale, config);
             found.num_evaluations += minimum.num_evaluations;
             num_idle = if found.cost_px - minimum.value > config.tolerance * found.cost_px {

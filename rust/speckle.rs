@@ -8,7 +8,7 @@ use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 
 /// A pixel is isolated if at most this many of its eight neighbours have its class.
-const MOST_ALIKE: u8 = 1;
+const MAX_ALIKE: u8 = 1;
 
 /// Gives each isolated pixel the majority class of its neighbours that are not isolated themselves (the lowest in a
 /// tie; its own if there is none), and counts the isolated pixels.
@@ -45,7 +45,7 @@ fn isolated(image: &LabelImage<u8>) -> Vec<bool> {
                 *count += u8::from(a == b);
             }
         }
-        let is_isolated = |(&count, &id): (&u8, &u8)| count <= MOST_ALIKE && id != NO_CLASS;
+        let is_isolated = |(&count, &id): (&u8, &u8)| count <= MAX_ALIKE && id != NO_CLASS;
         isolated.extend(alike.iter().zip(line(v)).map(is_isolated));
     }
     isolated
@@ -66,31 +66,31 @@ const AROUND: [(isize, isize); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1),
 mod tests {
     use super::*;
 
-    fn mend(width: usize, rows: &[&[u8]]) -> (Vec<u8>, usize) {
+    fn despeckle(width: usize, rows: &[&[u8]]) -> (Vec<u8>, usize) {
         let image = LabelImage { width, height: rows.len(), ids: rows.concat() };
-        let (mended, count) = despeckled(&image);
-        (mended.ids, count)
+        let (despeckled_image, count) = despeckled(&image);
+        (despeckled_image.ids, count)
     }
 
     #[test]
     fn an_isolated_pixel_takes_the_class_around_it() {
-        let (ids, count) = mend(4, &[&[1, 1, 2, 2], &[1, 7, 2, 2], &[1, 1, 2, 2]]);
+        let (ids, count) = despeckle(4, &[&[1, 1, 2, 2], &[1, 7, 2, 2], &[1, 1, 2, 2]]);
         assert_eq!((ids, count), ([1, 1, 2, 2].repeat(3), 1));
     }
 
     #[test]
     fn a_line_one_pixel_wide_stays_as_it_is() {
         let rows: [&[u8]; 4] = [&[0, 5, 0, 0], &[0, 5, 0, 0], &[0, 5, 0, 0], &[0, 5, 0, 0]];
-        let (ids, _) = mend(4, &rows);
+        let (ids, _) = despeckle(4, &rows);
         assert_eq!(ids[4..12], rows.concat()[4..12]);
     }
 
     #[test]
     fn pixels_without_a_class_neither_give_nor_take() {
         const N: u8 = NO_CLASS;
-        let (ids, count) = mend(3, &[&[N, N, N], &[N, 3, N], &[N, N, N]]);
+        let (ids, count) = despeckle(3, &[&[N, N, N], &[N, 3, N], &[N, N, N]]);
         assert_eq!((ids, count), (vec![N, N, N, N, 3, N, N, N, N], 1));
-        let (ids, _) = mend(3, &[&[4, 4, 4], &[4, N, 4], &[4, 4, 4]]);
+        let (ids, _) = despeckle(3, &[&[4, 4, 4], &[4, N, 4], &[4, 4, 4]]);
         assert_eq!(ids[4], N);
     }
 }

@@ -3,9 +3,9 @@
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use geometry::camera::{Camera, RUN};
 use nalgebra::{Isometry3, Point2, Vector3};
 
-use crate::camera::{Camera, RUN};
 use crate::point_cloud::to_f64;
 
 #[derive(Clone, Copy, Debug)]
@@ -28,12 +28,12 @@ impl Projected {
 #[derive(Debug, Default)]
 pub struct Sweep {
     points: Vec<[f32; 3]>,
-    last: Mutex<Option<Seen>>,
+    last: Mutex<Option<CachedView>>,
 }
 
 /// The points in the image of a camera at a pose.
 #[derive(Clone, Debug)]
-struct Seen {
+struct CachedView {
     camera: Camera,
     pose: Isometry3<f64>,
     indices: Arc<Vec<u32>>,
@@ -66,19 +66,19 @@ impl Sweep {
         let projected = project_points(camera, self, 0..self.len(), pose);
         let hidden = Arc::new(hidden(camera, self, &projected));
         let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());
-        let seen = Seen { camera: camera.clone(), pose: *pose, indices, hidden: Arc::clone(&hidden) };
+        let seen = CachedView { camera: camera.clone(), pose: *pose, indices, hidden: Arc::clone(&hidden) };
         *self.last() = Some(seen);
         (projected, hidden)
     }
 
-    fn last(&self) -> MutexGuard<'_, Option<Seen>> {
+    fn last(&self) -> MutexGuard<'_, Option<CachedView>> {
         self.last.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Only points nearer than this fraction of the range occlude: parallax between closer surfaces is small, and rough
 /// or slanted surfaces and range noise would occlude themselves.
-const NEARER: f64 = 0.8;
+const MAX_OCCLUDER_RANGE: f64 = 0.8;
 
 /// Chords of the unit sphere that differ by less are equal.
 const ROUND_OFF: f64 = 1e-9;
@@ -125,7 +125,7 @@ pub fn hidden(camera: &Camera, points: &[[f32; 3]], projected: &[Projected]) -> 
     let directions =
         |point: &Projected| (to_f64(&points[point.index]).normalize(), point.p_camera.normalize());
     let is_hidden = |far: &Projected| {
-        let range2 = NEARER * NEARER * far.range2();
+        let range2 = MAX_OCCLUDER_RANGE * MAX_OCCLUDER_RANGE * far.range2();
         if !buffer.has_nearer_around(&far.pixel, range2) {
             return false;
         }
@@ -148,7 +148,7 @@ struct NearestReturns<'a> {
     nearest: Vec<(f64, Option<&'a Projected>)>,
     /// Smallest squared range in the 3 x 3 blocks around each: most points are no farther, and need no further
     /// test.
-    least_around: Vec<f64>,
+    min_around: Vec<f64>,
 }
 
 impl<'a> NearestReturns<'a> {
@@ -156,7 +156,7 @@ impl<'a> NearestReturns<'a> {
         let blocks = |size: usize| (size as f64 / block).ceil() as usize;
         let (columns, rows) = (blocks(camera.width), blocks(camera.height));
         let nearest = vec![(f64::INFINITY, None); columns * rows];
-        let mut buffer = Self { block, columns, rows, nearest, least_around: Vec::new() };
+        let mut buffer = Self { block, columns, rows, nearest, min_around: Vec::new() };
         for point in projected {
             let (column, row) = buffer.at(&point.pixel);
             let nearest = &mut buffer.nearest[row * columns + column];
@@ -165,11 +165,11 @@ impl<'a> NearestReturns<'a> {
                 *nearest = (range2, Some(point));
             }
         }
-        buffer.least_around = buffer.least_around();
+        buffer.min_around = buffer.min_around();
         buffer
     }
 
-    fn least_around(&self) -> Vec<f64> {
+    fn min_around(&self) -> Vec<f64> {
         let (columns, rows) = (self.columns, self.rows);
         let around = |index: usize, count: usize| index.saturating_sub(1)..(index + 2).min(count);
         let beside = |row: &[(f64, Option<&Projected>)]| {
@@ -190,7 +190,7 @@ impl<'a> NearestReturns<'a> {
 
     fn has_nearer_around(&self, pixel: &Point2<f64>, range2: f64) -> bool {
         let (column, row) = self.at(pixel);
-        self.least_around[row * self.columns + column] < range2
+        self.min_around[row * self.columns + column] < range2
     }
 
     fn at(&self, pixel: &Point2<f64>) -> (usize, usize) {

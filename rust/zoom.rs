@@ -7,13 +7,14 @@
 
 use std::f64::consts::{PI, TAU};
 
+use geometry::angles::{azimuth, elevation};
+use geometry::camera::Camera;
 use nalgebra::{Matrix3, Point2, Rotation3, Vector2, Vector3};
 
-use crate::camera::Camera;
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
-use crate::spherical::{SphericalGrid, azimuth, elevation};
+use crate::spherical::SphericalGrid;
 
 /// Number of steps from the border to the middle of the image, in the search for the limit of the lens.
 const BORDER_STEPS: usize = 64;
@@ -63,7 +64,7 @@ impl Placement {
 
 /// A camera's image under one kind of zoom, which maps LiDAR directions to raw pixels.
 #[derive(Clone, Debug)]
-pub struct Zoomed<'a> {
+pub struct ZoomedImage<'a> {
     camera: &'a Camera,
     zoom: Zoom,
     /// Horizontal and vertical field of view, radians.
@@ -74,7 +75,7 @@ pub struct Zoomed<'a> {
     axis: Vector3<f64>,
 }
 
-impl<'a> Zoomed<'a> {
+impl<'a> ZoomedImage<'a> {
     pub fn new(camera: &'a Camera, zoom: Zoom) -> Result<Self> {
         let (center, _) = border_ray(camera, 0.0, 0.0)?;
         let sides = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
@@ -148,7 +149,7 @@ impl<'a> Zoomed<'a> {
 
 /// A label image on the angular grid, with the image at a placement (Alg. 2, lines 2-3); [`NO_CLASS`] around it.
 pub fn zoom(
-    zoomed: &Zoomed<'_>,
+    zoomed: &ZoomedImage<'_>,
     image: &LabelImage<u8>,
     placement: &Placement,
     grid: &SphericalGrid,
@@ -187,7 +188,7 @@ fn wrap(angle: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spherical::from_angles;
+    use geometry::angles::from_angles;
     use proptest::prelude::*;
 
     fn camera(focal: f64) -> Camera {
@@ -201,7 +202,7 @@ mod tests {
         let placement = Placement { azimuth: 0.3, elevation: 0.0, roll: 0.0, scale: 1.0 };
         let pixel = |zoom, right_deg: f64| {
             let direction = from_angles(0.3 - right_deg.to_radians(), 0.0);
-            let zoomed = Zoomed::new(&camera, zoom).expect("an image");
+            let zoomed = ZoomedImage::new(&camera, zoom).expect("an image");
             zoomed.pixel_map(&placement)(&direction).expect("inside").x
         };
         assert!((pixel(Zoom::Exact, 0.0) - pixel(Zoom::Paper, 0.0)).abs() < 1e-9);
@@ -215,7 +216,7 @@ mod tests {
         let k = [[300.0, 0.0, 639.5], [0.0, 300.0, 359.5], [0.0, 0.0, 1.0]];
         // The image radius grows up to where the derivative 1 - 0.3 angle^2 is zero, and ends there.
         let camera = Camera::new("fisheye", (1280, 720), k, &[-0.1, 0.0, 0.0, 0.0]).expect("a valid camera");
-        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("an image");
+        let zoomed = ZoomedImage::new(&camera, Zoom::Exact).expect("an image");
         let limit = (1.0f64 / 0.3).sqrt();
         assert!(zoomed.reach() < limit && zoomed.reach() > 0.85 * limit, "{} of {limit}", zoomed.reach());
     }
@@ -238,7 +239,7 @@ mod tests {
     fn a_cropped_image_reaches_farther_on_one_side() {
         let k = [[640.0, 0.0, 200.0], [0.0, 640.0, 100.0], [0.0, 0.0, 1.0]];
         let camera = Camera::new("plumb_bob", (1280, 720), k, &[]).expect("a valid camera");
-        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("an image");
+        let zoomed = ZoomedImage::new(&camera, Zoom::Exact).expect("an image");
         let (above, below) = zoomed.above_below(0.0);
         assert!(
             (above - (100.0f64 / 640.0).atan()).abs() < 0.01

@@ -39,8 +39,8 @@ __all__ = [
     "Correspondences",
     "DistanceMinimum",
     "Grid",
-    "HeldOutGain",
     "Hypothesis",
+    "InformationGain",
     "JointMaximum",
     "LabelledCloud",
     "LabelledImage",
@@ -181,6 +181,8 @@ class Observations:
         frames: Sequence[tuple[LabelledCloud, LabelledImage, float]],
         num_point_classes: int,
         num_image_classes: int,
+        max_baseline_m: float,
+        edge_band_px: int,
         by_classes: bool = False,
     ) -> Observations: ...
 
@@ -194,7 +196,6 @@ class AnchoredPoints:
         anchor: _Float64,
         *,
         factor: int,
-        edge_band_px: int,
         visible_only: bool,
         max_points: int = ...,
         constant_radius: int = 0,
@@ -368,11 +369,11 @@ class Agreement:
     """(frames, num_point_classes, num_image_classes) contribution of each frame to `joint`."""
 
 @final
-class HeldOutGain:
-    """Gain in agreement of held-out data from one pose to another."""
+class InformationGain:
+    """Gain in information from one pose to another."""
 
     @staticmethod
-    def of_parts(gains: Sequence[float]) -> HeldOutGain:
+    def of_parts(gains: Sequence[float]) -> InformationGain:
         """Sum the gains of independent parts; the standard error is infinite with fewer than two."""
     gain: float
     """Gain in nats for classes, in adjusted mutual information (a share) for segments."""
@@ -705,7 +706,7 @@ def held_out_gain(
     before: _Float64,
     after: _Float64,
     seen_after: tuple[Observations, Observations] | None = None,
-) -> HeldOutGain:
+) -> InformationGain:
     """Compute the gain in agreement of held-out data from one pose to another.
 
     Tables of pointwise mutual information come from `observations` at each pose. `seen_after` holds both observations
@@ -716,14 +717,14 @@ def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement
     """Compare points and label images at a pose."""
 
 def information_along(
-    observations: Observations, anchor: _Float64, ways: Sequence[tuple[Sequence[float], Sequence[float]]]
+    observations: Observations, anchor: _Float64, lines: Sequence[tuple[Sequence[float], Sequence[float]]]
 ) -> list[list[float]]:
     """Compute the mutual information along lines through a pose, nats, over the points visible there.
 
     Args:
         observations: Labelled points and label images.
         anchor: (4, 4), T_camera_lidar.
-        ways: Twist (6,) on the left of the anchor, and its factors at the samples.
+        lines: Twist (6,) on the left of the anchor, and its factors at the samples.
     """
 
 def project_points(camera: Camera, points: _Float32, t_camera_lidar: _Float64) -> Projected:
@@ -787,9 +788,7 @@ def turned_partitions(
     fraction of the azimuths that the sweeps cover.
     """
 
-def information(
-    observations: Observations, t_camera_lidar: _Float64, edge_band_px: int
-) -> list[tuple[list[int], float, float]]:
+def information(observations: Observations, t_camera_lidar: _Float64) -> list[tuple[list[int], float, float]]:
     """Compute the information of points about pixels at a pose (4, 4), less that of null partitions.
 
     Returns the sum over the visible points of each square of the images, by frame, row and column, and their weight.
@@ -798,8 +797,8 @@ def information(
     """
 
 def information_gains(
-    observations: Observations, before: _Float64, after: Sequence[_Float64], edge_band_px: int
-) -> list[HeldOutGain]:
+    observations: Observations, before: _Float64, after: Sequence[_Float64]
+) -> list[InformationGain]:
     """Compute the gains in mean `information` from one pose (4, 4) to each of the others.
 
     Points are those visible at the first pose. Gains are in nats for classes.

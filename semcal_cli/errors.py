@@ -80,7 +80,7 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun if count == 1 else plural}"
 
 
-def told_apart(found: float, needed: float, digits: int = 0, unit: str = "") -> tuple[str, str]:
+def format_against_limit(found: float, needed: float, digits: int = 0, unit: str = "") -> tuple[str, str]:
     """Format two numbers with enough digits to tell them apart.
 
     Args:

@@ -50,9 +50,10 @@ def named_commands(path: Path) -> list[str]:
 
 
 def anchors(path: Path) -> set[str]:
-    """The anchors that GitHub makes of the headings of a page."""
+    """The anchors that GitHub makes of the headings of a page, and those that the page states."""
     headings = re.findall(r"^#+ (?:<a .*></a>)?(.+)$", prose(path), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    made = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    return made | set(re.findall(r'<a id="([^"]+)"></a>', prose(path)))
 
 
 def links(path: Path) -> list[str]:

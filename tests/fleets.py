@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from conftest import make_pose
 
-from semcal_cli.fleet.fleet_drives import Member
+from semcal_cli.fleet.fleet_drives import FleetDrive
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import pose_at
 
@@ -22,18 +22,18 @@ def fleet(
     off = rng.standard_normal((count, 6)) * SIGMAS * scales[:, None]
     off += extra * rng.standard_normal((count, 6)) * SIGMAS
     covariances = np.array([np.diag((SIGMAS * scale) ** 2) for scale in scales])
-    return [pose_at(TRUTH, each) for each in off], covariances, off
+    return [pose_at(TRUTH, coordinates) for coordinates in off], covariances, off
 
 
-def members(poses: list[Pose], covariances: np.ndarray) -> list[Member]:
+def fleet_drives(poses: list[Pose], covariances: np.ndarray) -> list[FleetDrive]:
     """Drives, one every half a day."""
     return [
-        Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, T, covariance, None)
+        FleetDrive(f"{index:03d}", 1.7e9 + 43_200.0 * index, T, covariance, None)
         for index, (T, covariance) in enumerate(zip(poses, covariances, strict=True))
     ]
 
 
-def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
+def series_of(kind: str, count: int = 24, seed: int = 8) -> list[FleetDrive]:
     """A fleet to which something happened."""
     rng = np.random.default_rng(seed)
     _, covariances, series = fleet(rng, count, 1.0)
@@ -45,21 +45,21 @@ def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
         series[9, [0, 5]] += [0.2, np.radians(1.0)]
     if kind == "small change":
         series[15:, 4] += np.radians(0.22)
-    return members([pose_at(TRUTH, each) for each in series], covariances)
+    return fleet_drives([pose_at(TRUTH, coordinates) for coordinates in series], covariances)
 
 
-def line(member: Member, **changes: object) -> dict:
+def line(fleet_drive: FleetDrive, /, **changes: object) -> dict:
     """A line of a batch's summary."""
-    assert member.T_camera_lidar is not None
-    assert member.covariance is not None
-    found = {"drive": f"drives/{member.drive}", "status": "trusted", "exit_code": 0, "reasons": []}
-    found |= {"stamp": member.stamp, "T_camera_lidar": member.T_camera_lidar.tolist()}
-    found |= {"covariance": member.covariance.tolist(), "mutual_information_nats": 1.5}
-    found |= {"camera": "a", "result": f"{member.drive}/calibration.yaml"}
-    return found | changes
+    assert fleet_drive.T_camera_lidar is not None
+    assert fleet_drive.covariance is not None
+    entry = {"drive": f"drives/{fleet_drive.name}", "status": "trusted", "exit_code": 0, "reasons": []}
+    entry |= {"stamp": fleet_drive.stamp, "T_camera_lidar": fleet_drive.T_camera_lidar.tolist()}
+    entry |= {"covariance": fleet_drive.covariance.tolist(), "mutual_information_nats": 1.5}
+    entry |= {"camera": "a", "result": f"{fleet_drive.name}/calibration.yaml"}
+    return entry | changes
 
 
 def write_summary(folder: Path, lines: list[dict]) -> Path:
     folder.mkdir(exist_ok=True)
-    (folder / "summary.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
+    (folder / "summary.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in lines))
     return folder

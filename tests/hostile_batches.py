@@ -85,7 +85,7 @@ def reason_is(reason: str) -> Callable[[Path], object]:
     """Check the reason of the only drive that failed."""
 
     def check(folder: Path) -> None:
-        assert [found for found in reasons(folder) if found.startswith(str(folder))] == [f"{folder}/{reason}"]
+        assert [line for line in reasons(folder) if line.startswith(str(folder))] == [f"{folder}/{reason}"]
 
     return check
 

@@ -20,8 +20,18 @@ OF_FILES = {"hashes", "relative_to"}
 ARRAYS = "geometry/arrays.py"
 """The module of the names of array types."""
 MAX_PUBLIC_NAMES = 25
+OF_PROBLEM = {"max_baseline_m", "edge_band_px"}
+FALLBACKS = {"MAX_BASELINE_M", "EDGE_BAND_PX"}
+"""What describes the problem stands on its observations: settings of a solver that repeat it can be forgotten."""
+PRINTING_ROOMS = {"cli", "experiments", "fleet", "many/rig", "report"}
+"""Rooms whose figures a person reads, in centimetres and millimetres."""
+POSE_ERRORS = "geometry/poses.py"
+"""The module whose `PoseError` also has its figures as they are printed."""
+FACES = {"__init__.py", "__main__.py", "core.py"}
+"""Modules that pass on what others define."""
 BROAD_ROOMS = {"cli", "config", "formats"}
-"""Rooms that may have more public names: commands, settings and formats are many by their nature."""
+"""Rooms that may have more public names: commands, settings and formats are many by their nature. The names of array
+types are words of the whole package, and count for no room."""
 
 
 def modules(package: Path) -> dict[str, ast.Module]:
@@ -100,7 +110,9 @@ def array_aliases(package: Path) -> list[str]:
         for statement in module.body
         if isinstance(statement, ast.Assign | ast.AnnAssign)
         and statement.value is not None
-        and re.match(r"(npt?\.|numpy\.typing\.)?(NDArray|ArrayLike)\b", ast.unparse(statement.value))
+        and re.fullmatch(
+            r"(npt?\.)?NDArray\[[\w.]+\]( \| (npt?\.)?NDArray\[[\w.]+\])*", ast.unparse(statement.value)
+        )
     ]
 
 
@@ -115,7 +127,8 @@ def imported_names(package: Path) -> dict[str, set[str]]:
             for alias in node.names:
                 target = f"{source}/{alias.name}".replace(".", "/").removeprefix(f"{package.name}/")
                 room = room_of(target)
-                if room != room_of(path) and path not in ("__init__.py", "__main__.py"):
+                is_counted = f"{target.rpartition('/')[0]}.py" != ARRAYS and path not in FACES
+                if is_counted and room != room_of(path):
                     names[room].add(f"{target.rpartition('/')[0]}: {alias.name}")
     return names
 
@@ -153,6 +166,33 @@ def paths_in_the_pipeline(package: Path) -> list[str]:
         for parameter in parameters(node)
         if knows_paths(parameter)
     ]
+
+
+def problem_numbers(package: Path) -> list[str]:
+    """List the settings and fallbacks that repeat what `Observations` say of the problem, and could forget it."""
+    violations = []
+    for path, module in modules(package).items():
+        room = room_of(path)
+        for node in ast.walk(module):
+            if isinstance(node, ast.ClassDef) and node.name not in ("RefinementConfig", "SynthConfig"):
+                names = [ast.unparse(field.target) for field in node.body if isinstance(field, ast.AnnAssign)]
+                if room.split("/")[0] in ("config", "estimation", "checks"):
+                    violations += [f"{path}: {node.name}.{name}" for name in names if name in OF_PROBLEM]
+            elif isinstance(node, ast.ImportFrom) and room not in ("config", "observations", "cli"):
+                violations += [f"{path}: {alias.name}" for alias in node.names if alias.name in FALLBACKS]
+    return violations
+
+
+def printed_units(package: Path) -> list[str]:
+    """List the names in centimetres and millimetres in rooms that compute."""
+    violations = set()
+    for path, module in modules(package).items():
+        if room_of(path) not in PRINTING_ROOMS and path != POSE_ERRORS:
+            for node in ast.walk(module):
+                name = getattr(node, "id", None) or getattr(node, "attr", None) or getattr(node, "arg", None)
+                if isinstance(name, str) and re.search(r"_[cm]m$", name):
+                    violations.add(f"{path}: {name}")
+    return sorted(violations)
 
 
 Rule = Callable[[Path], list[str]]

@@ -33,7 +33,7 @@ class Repository:
     def files(self, revision: str) -> tuple[str, dict[str, bytes]] | None:
         """Find a revision by its name or its commit: its commit and its files."""
         for name, files in self.revisions.items():
-            content = json.dumps([name, {key: hashlib.sha1(each).hexdigest() for key, each in files.items()}])
+            content = json.dumps([name, {key: hashlib.sha1(data).hexdigest() for key, data in files.items()}])
             commit = hashlib.sha1(content.encode()).hexdigest()
             if revision in (name, commit):
                 return commit, files
@@ -56,10 +56,10 @@ class ModelHub:
         self.repositories.setdefault(name, Repository({}, gate)).add(folder, revision)
 
     def commit(self, name: str, revision: str = "main") -> str:
-        """Give the commit of a revision."""
-        found = self.repositories[name].files(revision)
-        assert found is not None
-        return found[0]
+        """Return the commit of a revision."""
+        commit_and_files = self.repositories[name].files(revision)
+        assert commit_and_files is not None
+        return commit_and_files[0]
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -84,21 +84,21 @@ class _Handler(BaseHTTPRequestHandler):
         if name not in self.hub.repositories:
             self._answer(401, {"X-Error-Code": "RepoNotFound"})
             return None
-        found = self.hub.repositories[name].files(revision)
-        if found is None:
+        commit_and_files = self.hub.repositories[name].files(revision)
+        if commit_and_files is None:
             self._answer(404, {"X-Error-Code": "RevisionNotFound"})
-        return found
+        return commit_and_files
 
     def _tell(self, name: str, revision: str) -> None:
-        if found := self._find(name, revision):
-            commit, files = found
-            siblings = [{"rfilename": file, "size": len(each)} for file, each in files.items()]
+        if commit_and_files := self._find(name, revision):
+            commit, files = commit_and_files
+            siblings = [{"rfilename": file, "size": len(data)} for file, data in files.items()]
             self._answer(200, {}, json.dumps({"id": name, "sha": commit, "siblings": siblings}).encode())
 
     def _send(self, name: str, revision: str, file: str, is_head: bool) -> None:
-        if not (found := self._find(name, revision)):
+        if not (commit_and_files := self._find(name, revision)):
             return
-        commit, files = found
+        commit, files = commit_and_files
         if gate := self.hub.repositories[name].gate:
             self._answer(gate, {"X-Error-Code": "GatedRepo"})
         elif file not in files:

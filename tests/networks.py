@@ -107,13 +107,13 @@ def color_network(
         helper.make_node(operator, [before, *constants], [after], **attributes)
         for (operator, constants, attributes), before, after in zip(steps, names, names[1:], strict=False)
     ]
-    out = [each // stride if isinstance(each, int) else f"{each}o" for each in size]
+    out = [side // stride if isinstance(side, int) else f"{side}o" for side in size]
     number = len(colors)
     shape_in = (1, *size, 3) if channels_last else (1, 3, *size)
     shape_out = (1, *out) if kind == "ids" else ((1, *out, number) if channels_last else (1, number, *out))
-    given = {"w": weights.reshape(number, 3, 1, 1), "b": bias}
+    constants = {"w": weights.reshape(number, 3, 1, 1), "b": bias}
     kind_out = TensorProto.INT64 if kind == "ids" else TensorProto.FLOAT
-    return save(path, nodes, {"x": (TYPES[dtype], shape_in)}, {"y": (kind_out, shape_out)}, given)
+    return save(path, nodes, {"x": (TYPES[dtype], shape_in)}, {"y": (kind_out, shape_out)}, constants)
 
 
 def street_network(folder: Path) -> Path:

@@ -29,19 +29,19 @@ def serious_findings(browser: webdriver.Chrome) -> list[str]:
     the screen, text that is cut, too small or of too little contrast (WCAG 2.1, level AA), and a control or image
     without a name. What is folded is unfolded for the look. The page is as before afterwards.
     """
-    found = _said(browser)
+    findings = _said(browser)
     for name, metrics in (("desk", DESK), ("phone", PHONE)):
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         for scheme in ("light", "dark"):
             _prefer(browser, scheme)
             # What a script draws anew after a change of the size stands after two frames.
             browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
-            found += [f"{name}, {scheme}: {each}" for each in browser.execute_script(FINDINGS)]
+            findings += [f"{name}, {scheme}: {finding}" for finding in browser.execute_script(FINDINGS)]
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     _prefer(browser, "")
     # The console again: what the page says when it is laid out anew counts, too.
-    found += _said(browser)
-    return list(dict.fromkeys(found))
+    findings += _said(browser)
+    return list(dict.fromkeys(findings))
 
 
 def _said(browser: webdriver.Chrome) -> list[str]:

@@ -27,7 +27,7 @@ from semcal_cli.files.output_files import locked
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.many.batch.folders import MARKER
-from semcal_cli.many.batch.records import worst
+from semcal_cli.many.batch.records import worst_exit_code
 from semcal_cli.many.batch.tasks import Task, describe_result, find_drives, folder_of
 from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 from semcal_cli.result.provenance import camera_hash
@@ -63,8 +63,8 @@ def test_drives_in_a_row_and_two_at_a_time(drives: Path, whole: tuple[Result, Pa
         T = read_transform(one / outcome["result"])
         assert outcome["T_camera_lidar"] == T.tolist()
         assert compare_poses(T, read_transform(Path(outcome["drive"]))).rotation_deg < 2.0
-    assert found.exit_code == worst(outcome["exit_code"] for outcome in outcomes)
-    assert [worst(codes) for codes in ([0, 4, 3, 1], [0, 4, 3], [0, 4], [])] == [1, 3, 4, 0]
+    assert found.exit_code == worst_exit_code(outcome["exit_code"] for outcome in outcomes)
+    assert [worst_exit_code(codes) for codes in ([0, 4, 3, 1], [0, 4, 3], [0, 4], [])] == [1, 3, 4, 0]
     with (one / "summary.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["translation_x_m"]) for row in rows] == [o["T_camera_lidar"][0][3] for o in outcomes]
@@ -90,8 +90,8 @@ def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
     assert len(results) == NUM_DRIVES
 
     def redone() -> set[str]:
-        found = run(arguments)
-        assert found.exit_code in (0, 1, 3), found.output
+        ending = run(arguments)
+        assert ending.exit_code in (0, 1, 3), ending.output
         changed = {path.parent.name for path, when in results.items() if path.stat().st_mtime_ns != when}
         results.update({path: path.stat().st_mtime_ns for path in results})
         return changed
@@ -137,20 +137,20 @@ def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_pa
     one, other = (tmp_path / "out" / folder_of(str(drives / name)) for name in ("000", "001"))
     one.parent.mkdir(parents=True)
     one.write_text("a file")
-    found = run(command(drives, tmp_path / "out"))
-    assert found.exit_code == 1
+    result = run(command(drives, tmp_path / "out"))
+    assert result.exit_code == 1
     outcomes = summary(tmp_path / "out")
     assert outcomes[0]["reasons"][0].endswith("000: cannot be created: file exists")
     assert [outcome["status"] == "failed" for outcome in outcomes] == [True, *[False] * (NUM_DRIVES - 1)]
     assert (other / "calibration.yaml").exists()
     one.unlink()
     (one / "log.txt").mkdir(parents=True)
-    found = run(command(drives, tmp_path / "out"))
+    result = run(command(drives, tmp_path / "out"))
     assert summary(tmp_path / "out")[0]["reasons"][0].endswith(
         "log.txt: found a folder, needed a file or nothing"
     )
-    assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: 1 failed" in found.stderr
-    assert "Traceback" not in found.stderr
+    assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: 1 failed" in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 def test_results_of_two_drives_do_not_go_to_one_folder(
@@ -158,8 +158,8 @@ def test_results_of_two_drives_do_not_go_to_one_folder(
 ) -> None:
     shutil.copytree(copies / "000", tmp_path / "cwd" / str(copies)[1:] / "000")
     monkeypatch.chdir(tmp_path / "cwd")
-    found = run(["batch", str(copies / "000"), f"{str(copies)[1:]}/000", "-o", str(tmp_path / "out")])
-    assert "found two drives whose results would go to the same folder" in str(found.exception)
+    result = run(["batch", str(copies / "000"), f"{str(copies)[1:]}/000", "-o", str(tmp_path / "out")])
+    assert "found two drives whose results would go to the same folder" in str(result.exception)
 
 
 def test_more_time_is_a_reason_to_try_again(copies: Path, tmp_path: Path) -> None:
@@ -222,9 +222,9 @@ def test_ctrl_c_ends_all_processes(waited_s: float, drives: Path, tmp_path: Path
 
 def test_a_folder_is_one_batch_s_at_a_time(drives: Path, tmp_path: Path) -> None:
     with locked(tmp_path / ".lock", "batch"):
-        found = run(command(drives, tmp_path))
-    assert found.exit_code == 1
-    assert "found another batch using this folder" in str(found.exception)
+        result = run(command(drives, tmp_path))
+    assert result.exit_code == 1
+    assert "found another batch using this folder" in str(result.exception)
 
 
 def test_verify_many(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,14 +234,14 @@ def test_verify_many(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     good = tmp_path / "good.yaml"
     write_transform(read_transform(drives / "000"), good, "semcal")
     limits = ("--", "--max-rotation-deg", "20", "--max-translation-m", "5")
-    found = run(["batch", f"{drives}/000", f"{drives}/001", "-o", str(tmp_path / "out"), "--command", "verify",
+    result = run(["batch", f"{drives}/000", f"{drives}/001", "-o", str(tmp_path / "out"), "--command", "verify",
                  "--calibration", str(good), *limits])  # fmt: skip
     outcomes = summary(tmp_path / "out")
-    assert [outcome["status"] for outcome in outcomes] == ["pass", "pass"], found.output
+    assert [outcome["status"] for outcome in outcomes] == ["pass", "pass"], result.output
     document = json.loads((tmp_path / "out" / outcomes[0]["result"]).read_text())
     assert document["verdict"] == "pass"
-    assert found.exit_code == 0
-    assert found.stderr.count("::notice title=semcal batch verify::pass") == 1
+    assert result.exit_code == 0
+    assert result.stderr.count("::notice title=semcal batch verify::pass") == 1
     told = (tmp_path / "summary.md").read_text()
     assert f"| {drives}/001 | pass | pass |" in told
     assert told.count("###") == 1  # and none of each drive
@@ -325,9 +325,9 @@ def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: 
     from semcal_cli.many.batch import cluster
 
     monkeypatch.setattr(cluster, "CONNECT_S", 1)
-    found = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), "--dask", "tcp://127.0.0.1:1"])
-    assert found.exit_code == 1
-    assert "--dask tcp://127.0.0.1:1: found no scheduler" in str(found.exception)
+    result = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), "--dask", "tcp://127.0.0.1:1"])
+    assert result.exit_code == 1
+    assert "--dask tcp://127.0.0.1:1: found no scheduler" in str(result.exception)
 
 
 @pytest.mark.parametrize("is_kept", [True, False])

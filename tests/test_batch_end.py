@@ -11,10 +11,10 @@ from semcal_cli.cli.batch_progress import MAX_NAMED, BatchProgress, print_end
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.fleet_drives import read_members
+from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.many.batch.records import write_summary
-from semcal_cli.many.batch.tasks import Outcome, failed
+from semcal_cli.many.batch.tasks import Outcome, failed_outcome
 
 
 def trusted_drives(count: int) -> list[Outcome]:
@@ -37,8 +37,8 @@ def trusted_drives(count: int) -> list[Outcome]:
     ]
 
 
-def bad(number: int, reason: str = "the pose is determined in no direction") -> Outcome:
-    return failed(f"drives/bad_{number:02d}", reason).model_copy(
+def untrusted_outcome(number: int, reason: str = "the pose is determined in no direction") -> Outcome:
+    return failed_outcome(f"drives/bad_{number:02d}", reason).model_copy(
         update={"status": "not_trusted", "exit_code": 3, "T_camera_lidar": TRUTH.tolist()}
     )
 
@@ -57,7 +57,7 @@ def test_the_end_names_what_matters(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     reason = "drives/broken/points/000000.bin: found 1,921 bytes, needed a multiple of 16, which is what a point takes"
-    outcomes = [*trusted_drives(6), bad(1), failed("drives/broken", reason)]
+    outcomes = [*trusted_drives(6), untrusted_outcome(1), failed_outcome("drives/broken", reason)]
     lines = end_of(outcomes, Path("out"), capsys)
     assert lines[:6] == [
         "8 of 8 drives: 1 failed, 1 not trusted, 6 trusted",
@@ -67,15 +67,17 @@ def test_the_end_names_what_matters(
         "not trusted   drives/bad_01",
         "              the pose is determined in no direction",
     ]
-    found = combine_drives([each for each in read_members([Path("out")]) if each.left_out is None], Limits())
-    half = found.parts[-1].half_widths
+    fleet_result = combine_drives(
+        [drive for drive in read_fleet_drives([Path("out")]) if drive.left_out is None], Limits()
+    )
+    half = fleet_result.parts[-1].half_widths
     assert lines[6] == (
         f"agreed pose      of 6 trusted drives: +- {1000 * half[:3].max():.1f} mm, "
         f"+- {half[3:].max():.3f} degrees (95 %)"
     )
     place = lines[7].removeprefix("camera at").removesuffix("m in the LiDAR frame").split()
-    np.testing.assert_allclose(list(map(float, place)), camera_center(found.T_camera_lidar), atol=1e-6)
-    assert np.linalg.norm(camera_center(found.T_camera_lidar) - camera_center(TRUTH)) < 0.01
+    np.testing.assert_allclose(list(map(float, place)), camera_center(fleet_result.T_camera_lidar), atol=1e-6)
+    assert np.linalg.norm(camera_center(fleet_result.T_camera_lidar) - camera_center(TRUTH)) < 0.01
     assert lines[-2:] == [
         "summary          out/summary.csv, out/summary.jsonl",
         "next             semcal fleet out --report fleet.html",
@@ -85,7 +87,7 @@ def test_the_end_names_what_matters(
 
 
 def test_most_of_many_bad_drives_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = end_of([bad(number) for number in range(30)], tmp_path / "out", capsys)
+    lines = end_of([untrusted_outcome(number) for number in range(30)], tmp_path / "out", capsys)
     assert lines[0] == "30 of 30 drives: 30 not trusted"
     assert sum(line.startswith("not trusted") for line in lines) == MAX_NAMED
     assert f"and {30 - MAX_NAMED} more: see {tmp_path}/out/summary.csv" in lines
@@ -117,7 +119,7 @@ def test_a_pose_that_drives_do_not_agree_on(
 
 
 def test_colours_are_for_terminals(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    outcomes = [*trusted_drives(1), bad(1, "[red]no markup[/red]")]
+    outcomes = [*trusted_drives(1), untrusted_outcome(1, "[red]no markup[/red]")]
     colored = "\n".join(
         end_of(outcomes, tmp_path / "out", capsys, force_terminal=True, color_system="standard")
     )
@@ -131,8 +133,8 @@ def test_the_progress_names_running_and_finished_drives() -> None:
     for name in ("drives/000", "drives/bad_01", "drives/003"):
         show.begin(name)
     show.tell(trusted_drives(1)[0], True)
-    show.tell(bad(1), True)
-    show.tell(bad(2).model_copy(update={"drive": "drives/before"}), False)
+    show.tell(untrusted_outcome(1), True)
+    show.tell(untrusted_outcome(2).model_copy(update={"drive": "drives/before"}), False)
     lines = [line.plain for line in show._lines()]
     assert lines == [
         "3 of 5 drives   2 not trusted, 1 trusted   about 1 s left",

@@ -19,7 +19,7 @@ from semcal_cli.cli import Ending, run as run_command, worker
 from semcal_cli.cli.worker import run_task
 from semcal_cli.formats import read_transform
 from semcal_cli.many.batch.records import Inputs, read_inputs, read_outcome, read_state, write_record
-from semcal_cli.many.batch.tasks import Outcome, Task, failed, folder_of
+from semcal_cli.many.batch.tasks import Outcome, Task, failed_outcome, folder_of
 
 pytestmark = pytest.mark.slow
 
@@ -80,8 +80,8 @@ def test_who_crashes_or_hangs_stops_no_other_and_what_the_machine_failed_at_is_d
     arguments = command(drives, tmp_path / "out", "--jobs", "2", "--timeout", f"{TIMEOUT_S}")
     with monkeypatch.context() as patch:
         patch.setattr(worker, "run_task", unlucky)
-        found = run(arguments)
-    assert found.exit_code == 1
+        result = run(arguments)
+    assert result.exit_code == 1
     outcomes = summary(tmp_path / "out")
     assert [outcome["status"] == "failed" for outcome in outcomes] == [True] * 8 + [False]
     reasons = [outcome["reasons"][0] for outcome in outcomes[:8]]
@@ -96,7 +96,7 @@ def test_who_crashes_or_hangs_stops_no_other_and_what_the_machine_failed_at_is_d
         f"timed out after {TIMEOUT_S:g} s",
     ]
     for outcome in outcomes[:8]:
-        assert Path(outcome["drive"]).name in found.stderr
+        assert Path(outcome["drive"]).name in result.stderr
     log = tmp_path / "out" / folder_of(outcomes[7]["drive"]) / "log.txt"
     assert f"timed out after {TIMEOUT_S:g} s" in log.read_text()
     assert run(arguments).exit_code == 1
@@ -106,17 +106,17 @@ def test_who_crashes_or_hangs_stops_no_other_and_what_the_machine_failed_at_is_d
     assert run([*arguments[:1], "--force", *arguments[1:]]).exit_code in (0, 3)
 
 
-def signed(document: Any) -> str:
+def sign(document: Any) -> str:
     """A record with the right hash, as only a person who wants to deceive writes it."""
     text = json.dumps({key: value for key, value in document.items() if key != "sha256"})
     return f'{text[:-1]}, "sha256": "{hashlib.sha256(text.encode()).hexdigest()}"}}\n'
 
 
 RECORDS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "status": lambda record: signed(record | {"outcome": record["outcome"] | {"status": "splendid"}}),
-    "no result": lambda record: signed(record | {"result": None}),
-    "path": lambda record: signed(record | {"files": {"a\0b": None, **record["files"]}, "timed_out_s": "a"}),
-    "signed depth": lambda record: signed(record | {"asked": 5}).replace("5", "[" * 900 + "]" * 900),
+    "status": lambda record: sign(record | {"outcome": record["outcome"] | {"status": "splendid"}}),
+    "no result": lambda record: sign(record | {"result": None}),
+    "path": lambda record: sign(record | {"files": {"a\0b": None, **record["files"]}, "timed_out_s": "a"}),
+    "signed depth": lambda record: sign(record | {"asked": 5}).replace("5", "[" * 900 + "]" * 900),
     "pose": lambda record: json.dumps(
         record | {"outcome": record["outcome"] | {"T_camera_lidar": [[1.0, 0.0, 0.0, 9.0], *IDENTITY[1:]]}}
     ),
@@ -129,8 +129,8 @@ def test_an_edited_record_is_none(name: str, drives: Path, finished: Path, tmp_p
     out = Path(shutil.copytree(finished, tmp_path / "out"))
     (record,) = out.rglob("record.json")
     record.write_text(RECORDS[name](json.loads(record.read_text())))
-    found = run(first(drives, out))
-    assert found.exit_code in (0, 3), found.output
+    result = run(first(drives, out))
+    assert result.exit_code in (0, 3), result.output
     assert (out / "summary.jsonl").read_bytes() == (finished / "summary.jsonl").read_bytes()
     assert json.loads(record.read_text())["outcome"] == summary(finished)[0]
 
@@ -188,8 +188,8 @@ def test_a_batch_knows_its_own_folders(
 ) -> None:
     out = Path(shutil.copytree(finished, tmp_path / "out"))
     change(out)
-    found = run(first(drives, out))
-    assert found.exit_code in (0, 3), found.exception
+    result = run(first(drives, out))
+    assert result.exit_code in (0, 3), result.exception
     assert (out / "summary.jsonl").read_bytes() == (finished / "summary.jsonl").read_bytes()
 
 
@@ -204,8 +204,8 @@ def test_links_in_finished_folders_are_not_followed(
     precious.write_text("a year of work\n")
     (place / name).unlink()
     (place / name).symlink_to(precious)
-    found = run([*first(drives, out)[:1], "--force", *first(drives, out)[1:]])
-    assert found.exit_code == 1
+    result = run([*first(drives, out)[:1], "--force", *first(drives, out)[1:]])
+    assert result.exit_code == 1
     assert summary(out)[0]["reasons"][0] == f"{place / name}: found a link, needed a file or nothing"
     assert precious.read_text() == "a year of work\n"
     (place / name).unlink()
@@ -240,9 +240,9 @@ def test_sizes_tell_of_a_change_before_hashes(drives: Path, tmp_path: Path) -> N
     assert all(state is not None and state.sha256 for state in inputs.values())
     large = tmp_path / "large"
     large.write_bytes(b"1")
-    write_record(task, failed("a", "why"), inputs | {str(large): read_state(large)}, timed_out=False)
-    assert read_outcome(task) == failed("a", "why")
+    write_record(task, failed_outcome("a", "why"), inputs | {str(large): read_state(large)}, timed_out=False)
+    assert read_outcome(task) == failed_outcome("a", "why")
     os.utime(large, (1.0, 1.0))
-    assert read_outcome(task) == failed("a", "why")  # The hash says that nothing changed.
+    assert read_outcome(task) == failed_outcome("a", "why")  # The hash says that nothing changed.
     os.truncate(large, 1 << 40)
     assert read_outcome(task) is None

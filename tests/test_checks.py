@@ -22,23 +22,15 @@ from check_limits import (
     run,
 )
 from conftest import STREET
-from documentation import ROOT, blocks
+from documentation import ROOT
 from laboratory.outcomes import OTHER_DRIVE
 from laboratory.rigs import RIGS
 
+from semcal_cli.checks.leaked_labels import LEAKED_LABELS
+from semcal_cli.checks.other_pose import OTHER_POSE
+from semcal_cli.checks.registry import CHECKS
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.findings import check as checks
-from semcal_cli.findings.check import (
-    CHECKS,
-    LEAKED_LABELS,
-    LIMITS,
-    LIMITS_FILE,
-    OTHER_POSE,
-    Check,
-    Limit,
-    findings_among,
-    read_limits,
-)
+from semcal_cli.findings.check import LIMITS, LIMITS_FILE, Evidence, findings_among, read_limits
 from semcal_cli.synthetic.synthesis import synthesize
 
 ALL = [(topic, name) for topic, check in CHECKS.items() for name in check.limits]
@@ -63,7 +55,7 @@ def test_every_limit_of_the_file_is_of_a_check() -> None:
 
 def test_every_limit_is_looked_up_by_the_code() -> None:
     """A named limit stands in a module that imports its check; a single one is that of `limit()` or `measured`."""
-    code = "\n".join(path.read_text() for path in Path(checks.__file__).parents[1].rglob("*.py"))
+    code = "\n".join(path.read_text() for path in (ROOT / "semcal_cli").rglob("*.py"))
     for name in {name for topic, name in ALL if topic in LIMITS and name}:
         assert f'"{name}"' in code or f"'{name}'" in code, name
 
@@ -118,7 +110,7 @@ def test_the_file_of_limits_is_written_as_it_is_read() -> None:
     found = rows([value(GOOD, 0.9, "leaked-labels")])
     limit = read_limits(limits_text(found, "a command", range(7, 9)))["leaked-labels"][""]
     assert limit.value == LEAKED_LABELS.limit()
-    assert limit.measured == checks.Evidence(
+    assert limit.measured == Evidence(
         command="a command",
         first_seed=7,
         num_seeds=2,
@@ -145,13 +137,3 @@ def test_what_checks_measure_on_a_good_drive_and_on_bad_ones(tmp_path: Path) -> 
         assert CHECKS[topic].limits[name].is_kept_by(number), topic
     assert exchanged[("wrong-pairing", "labels")] > good[("wrong-pairing", "labels")]
     assert leaked[("leaked-labels", "")] > LEAKED_LABELS.limit() > good[("leaked-labels", "")]
-
-
-def test_the_check_of_the_guide_for_contributors() -> None:
-    block = next(each for each in blocks(ROOT / "CONTRIBUTING.md", "python") if "OVEREXPOSED" in each)
-    names = {"Check": Check, "Limit": Limit}
-    exec(block, names)
-    (finding,) = names["measured"].findings
-    assert finding.sentence == (
-        "31% of the pixels are white, needed at most 20%: record again with a shorter exposure"
-    )

@@ -26,7 +26,7 @@ NOT_LABELLED = 0
 """The id that synthetic drives ignore."""
 
 
-def told(lines: list[str], label: str) -> list[str]:
+def texts_under(lines: list[str], label: str) -> list[str]:
     """The texts under a label of a summary, each put together again from its lines."""
     texts: list[str] = []
     is_inside = False
@@ -85,7 +85,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     annotation = f"::error title=semcal initialize::fail; not_trusted 1 doubt; {calibration.reasons[0]}"
     *lines, last = stderr.splitlines()
     assert last == annotation.replace("%", "%25")
-    assert told(lines, "doubt") == [*calibration.reasons]
+    assert texts_under(lines, "doubt") == [*calibration.reasons]
     assert lines[-5] == f"written to       {tmp_path / 'out.yaml'}"
     assert lines[-4] == "verdict          not trusted: 1 doubt, see above"
     assert re.fullmatch(
@@ -152,7 +152,7 @@ def test_a_polish_that_held_out_data_reject_is_undone(drive: Path, tmp_path: Pat
     )
     assert re.search(r"polished +\d+\.\d\d s   not better, so the previous pose is kept$", err, re.M)
     assert f"{len(rejected.reasons)} doubts about the pose" in err
-    assert told(err.splitlines(), "doubt") == [*rejected.reasons]
+    assert texts_under(err.splitlines(), "doubt") == [*rejected.reasons]
     plain, _ = refine(drive, tmp_path / "out.yaml", cli, "--no-polish")
     np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
 

@@ -191,18 +191,18 @@ def test_values_out_of_their_ranges_are_wrong_usage(line: str, cli: Cli) -> None
     assert "Error: " in err or line == "experiment"
 
 
-def checked(group: click.Group = semcal) -> Iterator[SettingsCommand]:
+def commands_with_rules(group: click.Group = semcal) -> Iterator[SettingsCommand]:
     """Find the commands with rules, those of groups among them."""
     for command in group.commands.values():
         if isinstance(command, click.Group):
-            yield from checked(command)
+            yield from commands_with_rules(command)
         elif isinstance(command, SettingsCommand):
             yield command
 
 
-@pytest.mark.parametrize("command", list(checked()), ids=lambda command: str(command.name))
+@pytest.mark.parametrize("command", list(commands_with_rules()), ids=lambda command: str(command.name))
 def test_rules_name_options_and_values_that_there_are(command: SettingsCommand) -> None:
-    everywhere = {name: each for one in checked() for each in one.params for name in each.opts}
+    everywhere = {name: each for one in commands_with_rules() for each in one.params for name in each.opts}
     own = {name for each in command.params for name in each.opts}
     for rule in command.rules:
         terms = (*rule.subjects, *rule.required, *rule.excluded, *rule.where)

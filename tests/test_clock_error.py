@@ -10,10 +10,11 @@ from conftest import edited, make_pose, run
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from semcal_cli.checks.prior import check_priors
 from semcal_cli.config import CalibrationConfig, PolishConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, Motion, MotionSigma, Twist, read_drive
-from semcal_cli.estimation.adjust.clock import KNOW_MOTION, UnknownClock, notes_on_clock
+from semcal_cli.estimation.adjust.clock import KNOW_MOTION, ClockUncertainty, notes_on_clock
 from semcal_cli.estimation.adjust.priors import Prior, fuse_with_priors
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.search.initial_pose import InitialPose
@@ -56,9 +57,9 @@ def moving(data: LoadedDrive, *twists: Sequence[float], motion: Motion | None = 
     return replace(data, drive=drive, observations=replace(data.observations, frame_observations=moved))
 
 
-def clock_of(data: LoadedDrive | Drive, T_camera_lidar: Pose = T) -> UnknownClock:
+def clock_of(data: LoadedDrive | Drive, T_camera_lidar: Pose = T) -> ClockUncertainty:
     data = data if isinstance(data, LoadedDrive) else load(data, CONFIG)
-    found = UnknownClock.of(data, T_camera_lidar, PolishConfig())
+    found = ClockUncertainty.of(data, T_camera_lidar, PolishConfig())
     assert found is not None
     return found
 
@@ -167,7 +168,7 @@ def test_what_tells_no_clock(loaded: LoadedDrive, street_truth: Pose) -> None:
 def test_nothing_is_added_without_a_speed(loaded: LoadedDrive, motion: Motion | None) -> None:
     data = replace(loaded, drive=with_motion(loaded.drive, motion))
     for each in (data, moving(loaded, (0.0,) * 6)):
-        assert UnknownClock.of(each, T, PolishConfig()) is None
+        assert ClockUncertainty.of(each, T, PolishConfig()) is None
 
 
 def test_a_stated_speed_widens_the_interval(street: Path, street_truth: Pose) -> None:
@@ -281,8 +282,8 @@ def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
     of_clock = covariance_of_clock(load(at_speed(read_drive(street), 8.0), CONFIG), polished)
     sure = fuse_with_priors(street_observations, polished, [tape])
     unsure = fuse_with_priors(street_observations, polished, [tape], of_motion=of_clock)
-    assert [finding.topic for finding in sure.findings] == ["prior"]
-    assert unsure.findings == ()
+    assert [finding.topic for finding in check_priors(sure)] == ["prior"]
+    assert check_priors(unsure) == ()
     assert unsure.of_intrinsics is None
     off_m = camera_center(unsure.T_camera_lidar) - camera_center(measured)
     assert np.linalg.norm(off_m) < 0.01

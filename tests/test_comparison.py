@@ -2,7 +2,7 @@
 
 import pytest
 
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.geometry.poses import PoseError
 from semcal_cli.pipeline.comparison import Axis, Comparison
 from semcal_cli.pipeline.verdict import Verdict
@@ -23,7 +23,7 @@ from semcal_cli.pipeline.verdict import Verdict
 def test_two_numbers_are_written_so_that_they_differ(
     found: float, needed: float, digits: int, unit: str, expected: tuple[str, str]
 ) -> None:
-    assert told_apart(found, needed, digits, unit) == expected
+    assert format_against_limit(found, needed, digits, unit) == expected
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,12 @@ import pytest
 from conftest import with_twists
 
 from semcal_cli import core
-from semcal_cli.checks.consistency import check_consistency
+from semcal_cli.checks.families import check_consistency
+from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import refine_exactly
-from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, wrong_intrinsics
+from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics
 from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
@@ -103,7 +104,7 @@ def test_wrong_intrinsics_are_named(
         focal,
     )
     around = around_intrinsics(seen, T)
-    (intrinsics,) = findings_among(wrong_intrinsics(around, seen.camera, len(set(seen.scenes))))
+    (intrinsics,) = findings_among(check_intrinsics(around, seen.camera, len(set(seen.scenes))))
     assert intrinsics.sentence.startswith("the intrinsics look wrong")
 
 

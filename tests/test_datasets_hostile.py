@@ -33,7 +33,7 @@ WORDS = {
 """What stands for the words in braces of the tables."""
 
 
-def told(text: str) -> str:
+def fill_words(text: str) -> str:
     for word, meaning in WORDS.items():
         text = text.replace(f"{{{word}}}", meaning)
     return text
@@ -41,7 +41,7 @@ def told(text: str) -> str:
 
 def swapped(text: str, old: str, new: str) -> str:
     assert old in text
-    return text.replace(old, told(new))
+    return text.replace(old, fill_words(new))
 
 
 def line(text: str, key: str, values: str) -> str:
@@ -82,10 +82,10 @@ def test_a_hostile_value_is_named(tmp_path: Path, name: str, file: str, case: di
         (edit,) = case.keys() & EDITS.keys()
         path.write_text(EDITS[edit](path.read_text(), *case[edit]))
     elif case["whole"] is not None:
-        write(path, told(case["whole"]))
+        write(path, fill_words(case["whole"]))
     else:
         path.unlink()
-    assert of.complaint(*case.get("with", "").split()) == f"{{root}}/{file}: {told(case['says'])}"
+    assert of.complaint(*case.get("with", "").split()) == f"{{root}}/{file}: {fill_words(case['says'])}"
 
 
 @pytest.mark.parametrize("case", yaml.safe_load((TABLES / "options.yaml").read_text()))
@@ -103,13 +103,13 @@ def test_hostile_options_are_named(tmp_path: Path, case: dict[str, Any]) -> None
 @pytest.mark.parametrize("case", yaml.safe_load((TABLES / "intrinsics.yaml").read_text()))
 def test_hostile_intrinsics(tmp_path: Path, case: dict[str, Any]) -> None:
     path, name = tmp_path / "camera.yaml", case.get("of", "")
-    text: str = getattr(camera_infos, name, told(case.get("text", "")))
+    text: str = getattr(camera_infos, name, fill_words(case.get("text", "")))
     for old, new in case.get("swap", []):
         text = text.split(new)[0] if old == "cut" else swapped(text, old, new)
-    write(path, case.get("before", "") + text + told(case.get("add", "")))
+    write(path, case.get("before", "") + text + fill_words(case.get("add", "")))
     with pytest.raises(InputError) as error:
         read_intrinsics(path, case.get("camera"), case.get("model"))
-    says = told(case["says"])
+    says = fill_words(case["says"])
     assert str(error.value) == (says if says.startswith("--") else f"{path}: {says}")
 
 

@@ -10,13 +10,14 @@ from laboratory import spoiling
 from laboratory.raw_drive import RawDrive, RawFrame, write_raw_drive
 
 from semcal_cli import core
-from semcal_cli.checks.disagreement import FrameCheck, FrameScores, check_frames
-from semcal_cli.checks.pairing import check_pairs
+from semcal_cli.checks.moved_camera import FrameCheck, check_frames
+from semcal_cli.checks.odd_frames import check_pairs
 from semcal_cli.config import RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.adjust.frame_offsets import frame_offsets
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.covariance import estimate_uncertainty
+from semcal_cli.estimation.uncertainty.frame_scores import FrameScores
 from semcal_cli.findings.check import findings_among
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose

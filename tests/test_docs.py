@@ -19,18 +19,19 @@ import click
 import pytest
 from documentation import PAGES, README, ROOT, anchors, blocks, commands, links, named_commands
 from test_findings import PLACES
-from troubleshooting import with_limits
+from troubleshooting import page as troubleshooting_page
 
 import semcal_cli
 from semcal_cli import pipeline
+from semcal_cli.checks.registry import CHECKS
 from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_PIXELS, MAX_POINTS
 from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
-from semcal_cli.experiments import experiment
+from semcal_cli.experiments import experiment_run
 from semcal_cli.files import input_files as reading, point_clouds, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
-from semcal_cli.findings.check import CHECKS, Check
+from semcal_cli.findings.check import Check
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
 from semcal_cli.importing import kitti_360_windows
@@ -41,13 +42,13 @@ from semcal_cli.schemas import MODELS, schema_file
 
 DOCS = ROOT / "docs"
 MOST_README_LINES, MOST_LINES = 200, 335
-MOST_LINES_OF_ENTRIES = 500
+MOST_LINES_OF_ENTRIES = 800
 """Those of the page of reasons, of which a reader looks up one entry at a time."""
 LIMITS = {
     reading.MAX_DOCUMENT_BYTES: "bytes",
     reading.MAX_TABLE_BYTES: "bytes",
     records.MAX_RECORD_BYTES: "bytes",
-    experiment.MAX_JOURNAL_BYTES: "bytes",
+    experiment_run.MAX_JOURNAL_BYTES: "bytes",
     kitti_360_windows.MAX_BYTES: "bytes",
     rows.MAX_ROWS_BYTES: "bytes",
     rows.MAX_ROW: "characters a row",
@@ -281,7 +282,8 @@ def sentence_pattern(check: Check, what: ast.expr) -> re.Pattern[str]:
     """What a finding looks like as it is printed: its words, with anything in place of its figures."""
     parts = what.values if isinstance(what, ast.JoinedStr) else [what]
     words = (re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".*" for part in parts)
-    return re.compile(f"{''.join(words)}: {re.escape(check.advice)}")
+    advice = f": {re.escape(check.advice)}" if check.advice else ""
+    return re.compile("".join(words) + advice)
 
 
 ENTRY = re.compile(r'^### <a id="([a-z-]+)"></a>.+\n((?:(?!##).*\n)*)', re.MULTILINE)
@@ -293,11 +295,11 @@ QUOTED = [
 PATTERNS = [(check.topic, sentence_pattern(check, what)) for _, check, what in PLACES]
 
 
-def test_the_page_of_reasons_has_an_entry_for_each_check_with_its_limits() -> None:
+def test_the_page_of_reasons_is_generated_from_the_checks() -> None:
     page = (DOCS / "troubleshooting.md").read_text()
     assert list(ENTRIES) == list(CHECKS)
     assert len(ENTRIES) == page.count("\n### ")
-    assert with_limits(page) == page
+    assert page == troubleshooting_page()
 
 
 @pytest.mark.parametrize(("topic", "pattern"), PATTERNS, ids=[place for place, *_ in PLACES])

@@ -15,7 +15,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import LONGEST_LINE, Format, document_text, make_dumper, parse, read_document
 from semcal_cli.files.validation import NEWEST_VERSION, validate
-from semcal_cli.fleet.fleet_drives import read_members
+from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.labelling.card import read_card
@@ -171,14 +171,14 @@ def test_the_fleet() -> None:
 
 def test_the_record_and_the_summary_of_a_batch() -> None:
     folder = DOCUMENTS / "semcal_record-1"
-    members = read_members([folder])
-    assert [member.drive for member in members] == [f"drives/00000{number}" for number in range(3)]
-    assert all(member.left_out is None and member.covariance is not None for member in members)
+    drives = read_fleet_drives([folder])
+    assert [drive.name for drive in drives] == [f"drives/00000{number}" for number in range(3)]
+    assert all(drive.left_out is None and drive.covariance is not None for drive in drives)
     record = json.loads((folder / "record.json").read_text())
     stated = {key: value for key, value in record.items() if key not in ("files", "sha256")}
     assert validate(Record, stated, folder).outcome.drive == "drives/000000"
-    assert members[0].T_camera_lidar is not None
-    assert members[0].T_camera_lidar.tolist() == record["outcome"]["T_camera_lidar"]
+    assert drives[0].T_camera_lidar is not None
+    assert drives[0].T_camera_lidar.tolist() == record["outcome"]["T_camera_lidar"]
 
 
 TEXTS = (

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.fleet_drives import Member
+from semcal_cli.fleet.fleet_drives import FleetDrive
 from semcal_cli.fleet.fleet_result import Fleet
-from semcal_cli.fleet.timeline import SIZE, TOP, plot_fleet, timeline_of, timeline_plots
+from semcal_cli.fleet.timeline import SIZE, TOP, make_timeline, plot_fleet, timeline_plots
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.report.drawing import BOTTOM, POINTS_PER_INCH, VARIABLES, name_places
 
@@ -22,8 +22,8 @@ NARROWEST_LETTER_PX = 6.0
 """Less than the width of a digit."""
 
 
-def fleet_of(members: list[Member]) -> Fleet:
-    return combine_drives(members, Limits())
+def fleet_of(drives: list[FleetDrive]) -> Fleet:
+    return combine_drives(drives, Limits())
 
 
 @pytest.mark.parametrize("count", [2, 3, 7, 12, 24, 400])
@@ -32,17 +32,17 @@ def test_names_below_a_drawing_do_not_run_together(count: int, name: str | None)
     """Of dates, of names and of numbers in their place; the first and the last are among them."""
     drives = series_of("nothing", count)
     if name is not None:
-        drives = [replace(each, drive=name.format(i), stamp=None) for i, each in enumerate(drives)]
-    timeline = timeline_of(fleet_of(drives))
+        drives = [replace(drive, name=name.format(i), stamp=None) for i, drive in enumerate(drives)]
+    timeline = make_timeline(fleet_of(drives))
     svg = timeline_plots(timeline)[0].svg
-    found = re.findall(r'<text style="([^"]*)" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', svg)
-    named = [
-        (float(x), style, text) for style, x, y, text in found if SIZE[1] - BOTTOM < float(y) < SIZE[1] - 12.0
+    texts = re.findall(r'<text style="([^"]*)" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', svg)
+    names_below = [
+        (float(x), style, text) for style, x, y, text in texts if SIZE[1] - BOTTOM < float(y) < SIZE[1] - 12.0
     ]
-    escaped = [text.replace("&lt;", "<").replace("&gt;", ">") for _, _, text in named]
+    escaped = [text.replace("&lt;", "<").replace("&gt;", ">") for _, _, text in names_below]
     assert (escaped[0], escaped[-1]) == (timeline.labels[0], timeline.labels[-1])
     ends = []
-    for (x, style, _), text in zip(named, escaped, strict=True):
+    for (x, style, _), text in zip(names_below, escaped, strict=True):
         width = NARROWEST_LETTER_PX * len(text)
         begin = x - (width if "text-anchor: end" in style else width / 2.0)
         ends.append((begin, begin + width))
@@ -72,14 +72,14 @@ def test_drives_that_agree_much_better_than_they_have_to_are_not_flattened() -> 
         (off,) = local_coordinates([drive.T_camera_lidar], TRUTH)
         small = {"T_camera_lidar": pose_at(TRUTH, off / 20.0), "covariance": np.diag((SIGMAS / 20.0) ** 2)}
         drives[i] = replace(drive, **small)
-    for plot in timeline_plots(timeline_of(fleet_of(drives))):
+    for plot in timeline_plots(make_timeline(fleet_of(drives))):
         y = np.array(re.findall(r'<use [^>]*y="([\d.]+)"', plot.svg), float)
         assert np.ptp(y) > 0.3 * (SIZE[1] - BOTTOM - TOP)
 
 
 def test_a_drawing_takes_the_colours_of_the_page() -> None:
     """And has nothing that would hold for the rest of the page."""
-    svg = "".join(plot.svg for plot in timeline_plots(timeline_of(fleet_of(series_of("outlier")))))
+    svg = "".join(plot.svg for plot in timeline_plots(make_timeline(fleet_of(series_of("outlier")))))
     assert not [color for color in VARIABLES if color in svg]
     assert {"var(--accent)", "var(--ink)", "var(--line)"} <= set(re.findall(r"var\([^)]*\)", svg))
     assert "<style" not in svg

@@ -12,7 +12,7 @@ from commands import invoke
 from conftest import FINE_STREET, make_pose, without
 
 from semcal_cli import core
-from semcal_cli.checks.rivals import check_guide
+from semcal_cli.checks.cues_disagree import check_guide
 from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError

@@ -33,9 +33,9 @@ from semcal_cli.cli.terminal import make_console
 from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.experiments import drives, rivals
+from semcal_cli.experiments import drives, pairs_and_noise
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report, in_words
+from semcal_cli.experiments.experiment_run import Experiment, Report, describe_case
 from semcal_cli.files.output_files import locked
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
@@ -114,8 +114,8 @@ def make(
 
 
 def test_a_run_is_named_by_its_words(capsys: pytest.CaptureFixture[str]) -> None:
-    assert in_words(TrustCase("good", 20_000, 5, 0.1)) == "good, seed 20000, pairs 5, noise 0.1, draw 0"
-    assert in_words(rivals.Case("20", "soic", 7)) == "setting 20, soic, seed 7"
+    assert describe_case(TrustCase("good", 20_000, 5, 0.1)) == "good, seed 20000, pairs 5, noise 0.1, draw 0"
+    assert describe_case(pairs_and_noise.ComparisonCase("20", "soic", 7)) == "setting 20, soic, seed 7"
     progress = Progress(make_console(quiet=False), 2)
     progress.resume(3, 10)
     progress.begin("16 channels, seed 1")
@@ -134,11 +134,11 @@ def test_a_stopped_run_resumes_where_it_was(tmp_path: Path) -> None:
         make(tmp_path, range(8), run_until_five).run_cases(1, Recorder())
     with (tmp_path / "results.jsonl").open("a") as file:
         file.write('{"case": "half a li')
-    told = Recorder()
-    assert make(tmp_path, range(8)).run_cases(1, told) == [result(seed) for seed in range(8)]
-    assert told.events[0] == "5 of 8"
+    recorder = Recorder()
+    assert make(tmp_path, range(8)).run_cases(1, recorder) == [result(seed) for seed in range(8)]
+    assert recorder.events[0] == "5 of 8"
     # The next run may begin before the end of the one before is told.
-    assert sorted(told.events[1:]) == [
+    assert sorted(recorder.events[1:]) == [
         f"{what} seed {seed}" for what in ("begin", "end") for seed in (5, 6, 7)
     ]
     assert all(json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines())
@@ -146,10 +146,10 @@ def test_a_stopped_run_resumes_where_it_was(tmp_path: Path) -> None:
 
 def test_results_of_another_version_are_measured_again(tmp_path: Path) -> None:
     make(tmp_path, [1]).run_cases(1, Recorder())
-    file, told = tmp_path / "results.jsonl", Recorder()
+    file, recorder = tmp_path / "results.jsonl", Recorder()
     file.write_text(json.dumps(json.loads(file.read_text()) | {"version": "0.0"}) + "\n")
-    make(tmp_path, [1]).run_cases(1, told)
-    assert told.events == ["0 of 1", "begin seed 1", "end seed 1"]
+    make(tmp_path, [1]).run_cases(1, recorder)
+    assert recorder.events == ["0 of 1", "begin seed 1", "end seed 1"]
 
 
 def test_a_process_that_is_killed_is_named_with_its_case(tmp_path: Path) -> None:
@@ -220,7 +220,9 @@ def test_a_wrong_row_or_folder_is_an_error(
 def test_a_script_runs_all_cases_of_its_experiment(
     main: Callable[..., Iterable[str]], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Experiment, "measure", lambda made, *_: f"{made.name}: {len(made.cases)}")
+    monkeypatch.setattr(
+        Experiment, "measure", lambda experiment, *_: f"{experiment.name}: {len(experiment.cases)}"
+    )
     assert [*main(seeds=1, output=tmp_path)] == [told]
 
 
@@ -244,9 +246,9 @@ def test_accuracy_of_a_small_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(drives, "NUM_FRAMES", FINE_STREET.num_frames)
     monkeypatch.setitem(accuracy.RIGS, "default", {"width": FINE_STREET.width, "height": FINE_STREET.height})
     row = "20 % wrong labels on both sides"
-    found = accuracy.run(Pool(tmp_path), ("exact", "mine"), EDGE_BAND_PX, RowCase(row, FINE_STREET.seed))
-    assert [(r.row, r.estimator) for r in found] == [(row, "exact"), (row, "mine")]
-    assert max(r.rotation_deg for r in found) < 0.2
+    results = accuracy.run(Pool(tmp_path), ("exact", "mine"), EDGE_BAND_PX, RowCase(row, FINE_STREET.seed))
+    assert [(r.row, r.estimator) for r in results] == [(row, "exact"), (row, "mine")]
+    assert max(r.rotation_deg for r in results) < 0.2
 
 
 def test_processes_are_timed_and_failures_are_errors(tmp_path: Path) -> None:
@@ -275,7 +277,7 @@ def test_the_ratio_is_that_of_the_medians() -> None:
 def outcome(kind: str, status: str, error: float, seed: int = 0) -> Outcome:
     """All axes alike: a standard error of 1 cm and 0.1 degrees, and twice that for half the interval."""
     scale = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)
-    errors, sigmas, halves = (tuple(x * each for each in scale) for x in (error, 1.0, 2.0))
+    errors, sigmas, halves = (tuple(x * factor for factor in scale) for x in (error, 1.0, 2.0))
     return Outcome(kind, seed, "default", 10, 0.1, status, "", errors, sigmas, halves)
 
 
@@ -309,15 +311,15 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     synthesize(replace(FINE_STREET, seed=seed), tmp_path / f"pool/default_{seed:06d}")
     pool = Pool(tmp_path / "pool")
     kinds = ("good", "labels shuffled", "one class everywhere", "sweeps behind the camera only", "verify")
-    found = {kind: run_case(pool, TrustCase(kind, seed, 2, 0.0)) for kind in kinds}
-    verified = {each.kind: each.status for each in found["verify"]}
+    outcomes = {kind: run_case(pool, TrustCase(kind, seed, 2, 0.0)) for kind in kinds}
+    verified = {outcome_of_kind.kind: outcome_of_kind.status for outcome_of_kind in outcomes["verify"]}
     assert list(verified) == [AS_IT_IS, TURNED, MOVED[seed % 3]]
     assert verified.pop(AS_IT_IS) in ("pass", "inconclusive")
     assert verified[TURNED] == "fail"
     assert verified[MOVED[seed % 3]] in ("fail", "inconclusive")  # two pairs of a small image
-    assert found["good"][0].status == "trusted"
-    assert {found[kind][0].status for kind in kinds[1:4]} <= {"not_trusted", "failed"}
-    report = trust.report([each for listed in found.values() for each in listed])
+    assert outcomes["good"][0].status == "trusted"
+    assert {outcomes[kind][0].status for kind in kinds[1:4]} <= {"not_trusted", "failed"}
+    report = trust.report([outcome_of_kind for listed in outcomes.values() for outcome_of_kind in listed])
     assert "| confident and wrong, of all | 0 | 4 | 0.0% |" in report.table
 
 
@@ -334,11 +336,11 @@ def test_the_gradient_of_the_objective_is_that_of_differences(street: Path, stre
 
 def test_gradient_and_powell_on_the_same_information(tmp_path: Path) -> None:
     cases = gradient.cases(range(3, 4))
-    found = [each for case in cases for each in gradient.run(Pool(tmp_path / "pool"), SMALL, case)]
-    by = {each.optimizer: each for each in found}
+    results = [result for case in cases for result in gradient.run(Pool(tmp_path / "pool"), SMALL, case)]
+    by = {result.optimizer: result for result in results}
     assert by["gradient"].rotation_deg < 0.3
     assert by["gradient"].num_evaluations < by["Powell"].num_evaluations
-    assert Report.of(found, gradient.COLUMNS).table.count("\n") == 4
+    assert Report.of(results, gradient.COLUMNS).table.count("\n") == 4
 
 
 def test_intrinsics_and_a_clock_beside_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -350,11 +352,11 @@ def test_intrinsics_and_a_clock_beside_the_truth(tmp_path: Path, monkeypatch: py
     }
     monkeypatch.setattr(drives, "NUM_FRAMES", 6)
     monkeypatch.setattr(jointly, "ROWS", rows)
-    wrong, found = (jointly.run(Pool(tmp_path / "pool"), case)[0] for case in row_cases(rows, range(5, 6)))
+    wrong, adjusted = (jointly.run(Pool(tmp_path / "pool"), case)[0] for case in row_cases(rows, range(5, 6)))
     # What was wrong by 3 % is not, where it is told at all; six small frames tell little.
-    assert all(each is None or abs(each) < 1.5 for each in (wrong.fx_percent, wrong.fy_percent))
-    assert found.is_kept
-    assert found.clock_ms is not None
-    assert abs(found.clock_ms) < 3.0
-    table = Report.of([wrong, found], jointly.COLUMNS).table
+    assert all(percent is None or abs(percent) < 1.5 for percent in (wrong.fx_percent, wrong.fy_percent))
+    assert adjusted.is_kept
+    assert adjusted.clock_ms is not None
+    assert abs(adjusted.clock_ms) < 3.0
+    table = Report.of([wrong, adjusted], jointly.COLUMNS).table
     assert [line.split(" | ")[0] for line in table.splitlines()[2:]] == ["| wrong", "| late"]

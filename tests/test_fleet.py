@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import make_pose
-from fleets import SIGMAS, TRUTH, fleet, members, series_of
+from fleets import SIGMAS, TRUTH, fleet, fleet_drives, series_of
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
-from semcal_cli.fleet.fleet_drives import Member, read_members
+from semcal_cli.fleet.fleet_drives import FleetDrive, read_fleet_drives
 from semcal_cli.fleet.fleet_result import Offset, describe_fleet
 from semcal_cli.fleet.fleet_verdict import SIGNS, motions
-from semcal_cli.fleet.history import change_points, drift
+from semcal_cli.fleet.history import change_points, fit_drift
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.result.calibration_document import CalibrationDocument
@@ -42,8 +42,8 @@ def test_scatter_beyond_what_is_stated_is_found_even_where_the_rig_changed() -> 
     for extra in (0.0, 3.0):
         _, covariances, series = fleet(np.random.default_rng(1), 400, extra)
         series[200:] += 30.0 * SIGMAS
-        found = np.sqrt(extra_scatter(series, covariances).variances) / SIGMAS
-        assert found == pytest.approx(np.full(6, extra), rel=0.15, abs=0.5)
+        ratios = np.sqrt(extra_scatter(series, covariances).variances) / SIGMAS
+        assert ratios == pytest.approx(np.full(6, extra), rel=0.15, abs=0.5)
 
 
 def test_drives_that_agree_to_the_bit_have_no_extra_scatter() -> None:
@@ -67,11 +67,11 @@ def test_one_that_lies_alone_is_neither_a_change_nor_a_drift(place: int) -> None
         drives = series_of("nothing", 30, seed)
         off = np.array([0.2, 0.0, 0.0, 0.0, np.radians(0.8), 0.0])
         drives[place] = replace(drives[place], T_camera_lidar=pose_at(drives[place].T_camera_lidar, off))
-        found = combine_drives(drives, Limits())
-        assert (found.verdict, len(found.parts), found.drift) == ("fail", 1, None)
-        (far,) = [drive.member.drive for drive in found.drives if drive.is_far]
-        assert far == drives[place].drive
-        (now,) = local_coordinates([found.T_camera_lidar], TRUTH)
+        result = combine_drives(drives, Limits())
+        assert (result.verdict, len(result.parts), result.drift) == ("fail", 1, None)
+        (far,) = [drive.drive.name for drive in result.drives if drive.is_far]
+        assert far == drives[place].name
+        (now,) = local_coordinates([result.T_camera_lidar], TRUTH)
         assert np.abs(now / SIGMAS).max() < 1.5
 
 
@@ -82,14 +82,13 @@ def test_many_that_lie_alone_do_not_hide_one_another(share: float) -> None:
         wrong = np.arange(1, 40, round(1.0 / share))
         for place in wrong:
             drives[place] = replace(drives[place], T_camera_lidar=make_pose((0.3, 0, 0), (1, 0, 0)) @ TRUTH)
-        found = combine_drives(drives, Limits())
-        far = [index for index, drive in enumerate(found.drives) if drive.verdict == "fail"]
+        result = combine_drives(drives, Limits())
+        far = [index for index, drive in enumerate(result.drives) if drive.verdict == "fail"]
         assert far == wrong.tolist()
-        assert found.scatter[3:].max() < np.degrees(4.0 * SIGMAS[3:].max())
+        assert result.scatter[3:].max() < np.degrees(4.0 * SIGMAS[3:].max())
 
 
-@pytest.mark.parametrize("count", [5, 6, 8, 12])
-def turned(drives: list[Member], place: int, turn_deg: float, axis: int = 4) -> None:
+def turn_camera(drives: list[FleetDrive], place: int, turn_deg: float, axis: int = 4) -> None:
     """Turn the camera of a drive about one of its axes."""
     T = drives[place].T_camera_lidar
     assert T is not None
@@ -104,25 +103,29 @@ def test_few_drives_of_which_one_is_off_do_not_pass(count: int) -> None:
         for places in ([count // 2], [count - 1], list(range(count // 2, count))):
             drives = series_of("nothing", count, seed)
             for place in places:
-                turned(drives, place, 0.8)
-            found = combine_drives(drives, Limits())
-            assert found.verdict != "pass"
-            assert found.reasons
+                turn_camera(drives, place, 0.8)
+            result = combine_drives(drives, Limits())
+            assert result.verdict != "pass"
+            assert result.reasons
 
 
 def test_small_changes_add_up() -> None:
     drives = series_of("nothing", 40)
     for index in range(40):
-        turned(drives, index, 0.25 * (index // 10), axis=5)
+        turn_camera(drives, index, 0.25 * (index // 10), axis=5)
     assert combine_drives(drives, Limits()).verdict == "fail"
 
 
 def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> None:
     drives = series_of("change")
-    by_name = [replace(drive, stamp=12.3, drive=f"drive_{i}") for i, drive in enumerate(drives)]
-    found = combine_drives(by_name[::-1], Limits())
-    assert (found.order, found.parts[1].first, found.verdict) == ("name", "drive_15", "fail")
-    assert found.notes == (
+    by_name = [replace(drive, stamp=12.3, name=f"drive_{i}") for i, drive in enumerate(drives)]
+    result = combine_drives(by_name[::-1], Limits())
+    assert (result.order, result.parts[1].first, result.verdict) == (
+        "name",
+        "drive_15",
+        "fail",
+    )
+    assert result.notes == (
         "drives are ordered by name, because not all have their own stamp in seconds since 1970",
     )
     assert combine_drives(drives, Limits()).notes == ()
@@ -140,7 +143,7 @@ def test_cameras_that_differ_are_told() -> None:
 def test_a_single_result_has_the_camera_that_was_estimated(
     refined: CalibrationDocument, refined_file: Path, rejected_file: Path
 ) -> None:
-    (kept,), (rejected,) = read_members([refined_file]), read_members([rejected_file])
+    (kept,), (rejected,) = read_fleet_drives([refined_file]), read_fleet_drives([rejected_file])
     assert kept.camera == camera_hash(refined.used_camera)
     assert rejected.camera == camera_hash(refined.input.camera)
 
@@ -151,10 +154,10 @@ def test_a_drift_is_measured() -> None:
     off, alarms = [], 0
     for seed in range(40):
         _, covariances, series = fleet(np.random.default_rng(seed), 40)
-        alarms += drift(times, series, covariances, MANY).is_significant
-        found = drift(times, series + times[:, None] * rate, covariances, MANY)
-        assert found.is_significant
-        off.append((found.per_unit - rate) / np.sqrt(np.diag(found.covariance)))
+        alarms += fit_drift(times, series, covariances, MANY).is_significant
+        line = fit_drift(times, series + times[:, None] * rate, covariances, MANY)
+        assert line.is_significant
+        off.append((line.per_unit - rate) / np.sqrt(np.diag(line.covariance)))
     assert 0.8 < np.std(off) < 1.25
     assert alarms <= 3  # at a level of 1 %
 
@@ -165,13 +168,13 @@ def test_intervals_hold_the_truth_and_nothing_is_seen_where_nothing_is(count: in
     held, widths, errors, alarms = [], [], [], 0
     for seed in range(60):
         poses, covariances, _ = fleet(np.random.default_rng((count, seed)), count, extra)
-        found = combine_drives(members(poses, covariances), Limits())
-        (off,) = local_coordinates([found.T_camera_lidar], TRUTH)
+        result = combine_drives(fleet_drives(poses, covariances), Limits())
+        (off,) = local_coordinates([result.T_camera_lidar], TRUTH)
         off_m_deg = np.concatenate([off[:3], np.degrees(off[3:])])
-        held.append(np.abs(off_m_deg) <= found.parts[-1].half_widths)
-        alarms += len(found.parts) > 1 or found.drift is not None
-        alarms += any(drive.disagrees for drive in found.drives)
-        widths.append(found.parts[-1].half_widths)
+        held.append(np.abs(off_m_deg) <= result.parts[-1].half_widths)
+        alarms += len(result.parts) > 1 or result.drift is not None
+        alarms += any(drive.disagrees for drive in result.drives)
+        widths.append(result.parts[-1].half_widths)
         errors.append(off_m_deg)
     assert np.mean(held) >= 0.90
     assert alarms <= 3
@@ -191,17 +194,21 @@ def test_intervals_hold_the_truth_and_nothing_is_seen_where_nothing_is(count: in
     ],
 )
 def test_what_happened_is_told(kind: str, verdict: str, num_parts: int, has_drift: bool) -> None:
-    found = combine_drives(series_of(kind), Limits())
-    assert (found.verdict, len(found.parts), found.drift is not None) == (verdict, num_parts, has_drift)
-    disagreeing = [drive.member.drive for drive in found.drives if drive.disagrees]
+    result = combine_drives(series_of(kind), Limits())
+    assert (result.verdict, len(result.parts), result.drift is not None) == (
+        verdict,
+        num_parts,
+        has_drift,
+    )
+    disagreeing = [drive.drive.name for drive in result.drives if drive.disagrees]
     assert disagreeing == (["009"] if kind == "outlier" else [])
     if kind == "change":
-        assert found.parts[1].first == "015"
+        assert result.parts[1].first == "015"
         assert re.fullmatch(
             r"changed between 014 and 015: 8\d mm up \(\+- \d\), \+0\.6\d degrees yaw \(\+- 0\.0\d\)",
-            found.reasons[0],
+            result.reasons[0],
         )
-    (off,) = local_coordinates([found.T_camera_lidar], TRUTH)
+    (off,) = local_coordinates([result.T_camera_lidar], TRUTH)
     now = {
         "change": [0, 0.08, 0, 0, 0.6, 0],
         "drift": [0, 0, 0, 0.8, 0, 0],
@@ -216,29 +223,32 @@ def test_the_order_is_that_of_time_and_else_nothing_depends_on_order(name: str |
     """Nor where names, which stand for stamps that are missing, differ in zeros alone."""
     drives = series_of("change")
     if name is not None:
-        drives = [replace(drive, stamp=None, drive=name[-i - 1 :]) for i, drive in enumerate(drives)]
+        drives = [replace(drive, stamp=None, name=name[-i - 1 :]) for i, drive in enumerate(drives)]
     one = combine_drives(drives, Limits())
     other = combine_drives([drives[i] for i in np.random.default_rng(1).permutation(24)], Limits())
     assert describe_fleet(one, {}) == describe_fleet(other, {})
 
 
 def test_a_reference_is_judged() -> None:
-    found = combine_drives(series_of("nothing"), Limits(), pose_at(TRUTH, np.array([0.1, 0, 0, 0, 0, 0])))
-    assert found.verdict == "fail"
-    assert [c.name for c in found.checks if c.verdict == "fail"] == [
+    result = combine_drives(series_of("nothing"), Limits(), pose_at(TRUTH, np.array([0.1, 0, 0, 0, 0, 0])))
+    assert result.verdict == "fail"
+    assert [c.name for c in result.checks if c.verdict == "fail"] == [
         "from the reference: camera centre x",
         "from the reference: camera centre overall",
     ]
-    (offset,) = [c.offset for c in found.checks if c.name == "from the reference: camera centre x"]
+    (offset,) = [c.offset for c in result.checks if c.name == "from the reference: camera centre x"]
     assert offset == pytest.approx(10.0, abs=0.5)  # rho moves the centre the other way, here the reference's
 
 
 def test_too_few_drives_decide_nothing() -> None:
-    found = combine_drives(series_of("nothing")[:2], Limits())
-    assert found.verdict == "inconclusive"
-    mostly_out = [replace(m, left_out="not trusted") for m in series_of("nothing")[:14]]
-    found = combine_drives([*mostly_out, *series_of("nothing")[14:]], Limits())
-    assert (found.verdict, found.reasons) == ("inconclusive", ("10 of 24 drives can be used, needed 50%",))
+    result = combine_drives(series_of("nothing")[:2], Limits())
+    assert result.verdict == "inconclusive"
+    mostly_out = [replace(drive, left_out="not trusted") for drive in series_of("nothing")[:14]]
+    result = combine_drives([*mostly_out, *series_of("nothing")[14:]], Limits())
+    assert (result.verdict, result.reasons) == (
+        "inconclusive",
+        ("10 of 24 drives can be used, needed 50%",),
+    )
     with pytest.raises(CalibrationError, match="found no usable drive among 14, needed 3; the first, 000"):
         combine_drives(mostly_out, Limits())
 
@@ -246,9 +256,9 @@ def test_too_few_drives_decide_nothing() -> None:
 def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
     drives = series_of("nothing")
     drives[5] = replace(drives[5], stamp=None)
-    found = combine_drives(drives, Limits())
-    assert found.verdict == "inconclusive"
-    assert found.reasons == (
+    result = combine_drives(drives, Limits())
+    assert result.verdict == "inconclusive"
+    assert result.reasons == (
         "1 of 24 drives have no stamp in seconds since 1970, needed one for each: their order in time is unknown",
     )
 
@@ -289,11 +299,11 @@ def test_signs_of_rotations_are_those_that_the_page_states() -> None:
 
 def test_no_number_of_drives_reduces_errors_of_k() -> None:
     poses, covariances, _ = fleet(np.random.default_rng(5), 24)
-    alone = members(poses, covariances)
+    alone = fleet_drives(poses, covariances)
     of_k = np.diag([0.01, 0.01, 0.01, 0.002, 0.002, 0.002]) ** 2
     apart, shared = (
-        combine_drives(found, Limits())
-        for found in (alone, [replace(member, of_intrinsics=of_k) for member in alone])
+        combine_drives(drives, Limits())
+        for drives in (alone, [replace(drive, of_intrinsics=of_k) for drive in alone])
     )
     np.testing.assert_allclose(shared.T_camera_lidar, apart.T_camera_lidar)
     np.testing.assert_allclose(shared.covariance, apart.covariance + of_k)

@@ -22,17 +22,17 @@ def run(*arguments: object) -> Result:
 
 
 def test_the_command(tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("change")]
+    lines = [line(drive) for drive in series_of("change")]
     lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "topics": ["overlap"], "exit_code": 3}
     lines[4] |= {"status": "failed", "T_camera_lidar": None, "covariance": None, "exit_code": 1}
     batch = write_summary(tmp_path / "batch", lines)
     out = tmp_path / "fleet.yaml"
     extra = ["--report", tmp_path / "f.html", "--plot", tmp_path / "f.svg", "--junit", tmp_path / "f.xml"]
-    found = run(batch, "-o", out, *extra)
-    assert found.exit_code == 3, found.output
-    assert "left out         drives/003: not trusted; overlap 3 %" in found.stderr
-    assert found.stderr.endswith("verdict          fail: the rig changed\n")
-    assert max(map(len, found.stderr.splitlines())) <= 80 + len(str(tmp_path))
+    result = run(batch, "-o", out, *extra)
+    assert result.exit_code == 3, result.output
+    assert "left out         drives/003: not trusted; overlap 3 %" in result.stderr
+    assert result.stderr.endswith("verdict          fail: the rig changed\n")
+    assert max(map(len, result.stderr.splitlines())) <= 80 + len(str(tmp_path))
     document = read_document(out)
     assert document["status"] == "fail"
     left_out = [drive["drive"] for drive in document["drives"] if drive["status"] == "left_out"]
@@ -50,7 +50,7 @@ def test_the_command(tmp_path: Path) -> None:
 
 
 def test_the_exit_codes(tmp_path: Path) -> None:
-    steady = [line(member) for member in series_of("nothing")]
+    steady = [line(drive) for drive in series_of("nothing")]
     assert run(write_summary(tmp_path / "a", steady)).exit_code == 0
     xml = tmp_path / "f.xml"
     assert run(write_summary(tmp_path / "b", steady[:2]), "--junit", xml).exit_code == 4
@@ -97,15 +97,15 @@ def test_the_exit_codes(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("nothing")[:5]]
+    lines = [line(drive) for drive in series_of("nothing")[:5]]
     lines[1] |= changes
-    found = run(write_summary(tmp_path / "batch", lines))
+    result = run(write_summary(tmp_path / "batch", lines))
     if complaint is None:
-        assert found.exit_code == 0
-        assert ("drives/001: its error is unknown" in found.stderr) == ("covariance" in changes)
+        assert result.exit_code == 0
+        assert ("drives/001: its error is unknown" in result.stderr) == ("covariance" in changes)
     else:
-        assert isinstance(found.exception, InputError)
-        assert complaint in str(found.exception)
+        assert isinstance(result.exception, InputError)
+        assert complaint in str(result.exception)
 
 
 def test_what_is_no_result_is_named(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
         (tmp_path / "summary.jsonl").write_text(content)
         assert complaint in str(run(tmp_path).exception)
     assert "no such file" in str(run(tmp_path / "none").exception)
-    write_summary(tmp_path, [line(member) for member in series_of("nothing")])
+    write_summary(tmp_path, [line(drive) for drive in series_of("nothing")])
     for option in ("-o", "--report", "--plot"):
         assert "found suffix '.txt'" in str(run(tmp_path, option, tmp_path / "out.txt").exception)
     assert "reads or writes" in str(run(tmp_path, "--junit", tmp_path / "summary.jsonl").exception)
@@ -126,7 +126,7 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
 
 def test_what_is_worst_stands_first(tmp_path: Path) -> None:
     """In the page's tables: drives clearly beyond the limits, then others by time; checks that fail, then the rest."""
-    lines = [line(member) for member in series_of("outlier")]
+    lines = [line(drive) for drive in series_of("outlier")]
     lines[9]["drive"] = "drives/zz"
     page = tmp_path / "f.html"
     run(write_summary(tmp_path / "batch", lines), "--report", page, "--max-rotation-deg", "0.015")
@@ -145,7 +145,7 @@ def test_what_is_worst_stands_first(tmp_path: Path) -> None:
 
 def test_a_result_is_read_as_a_calibration_is(tmp_path: Path) -> None:
     """And is the same on standard output; a run that fails leaves the earlier one."""
-    batch = write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")])
+    batch = write_summary(tmp_path / "batch", [line(drive) for drive in series_of("nothing")])
     out = tmp_path / "fleet.json"
     beside = run(batch, "--json", "-o", out)
     document = json.loads(out.read_text())
@@ -163,12 +163,12 @@ def test_a_result_is_read_as_a_calibration_is(tmp_path: Path) -> None:
 
 
 def test_names_may_hold_anything(tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("outlier")]
+    lines = [line(drive) for drive in series_of("outlier")]
     lines[9]["drive"] = '<b>"&\x01\x1b[31m\n' + "9" * 5000
     xml, page = tmp_path / "f.xml", tmp_path / "f.html"
-    found = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", page)
-    assert found.exit_code == 3
-    assert "\x1b" not in found.stderr
+    result = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", page)
+    assert result.exit_code == 3
+    assert "\x1b" not in result.stderr
     assert "<b>" not in page.read_text()
     suite = ElementTree.parse(xml).getroot()
     failed = [case.get("name", "") for case in suite if case.find("failure") is not None]

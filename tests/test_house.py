@@ -17,6 +17,8 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
         "pipeline/a.py": "def verify(drive: Drive | Path | str) -> None: ...",
         "report/a.py": "def write(path: Path) -> None: ...",
     },
+    house.problem_numbers: {"config/a.py": "class NewtonConfig:\n    max_baseline_m: float = 3.0"},
+    house.printed_units: {"checks/a.py": "def is_far(away_cm: float) -> bool: ..."},
     house.crowded_rooms: {
         "files/a.py": "",
         "checks/a.py": f"from planted.files.a import {', '.join(f'name_{n}' for n in range(26))}",

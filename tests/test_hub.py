@@ -22,7 +22,7 @@ from networks import STREET_COLORS, color_network
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.events import Progress, StageDone
-from semcal_cli.labelling.hub import RECOMMENDED, _bar, find_model, hub_name
+from semcal_cli.labelling.hub import RECOMMENDED, _progress_bar, find_model, hub_name
 
 NAME = "lab/street"
 CONFIG = {
@@ -101,9 +101,9 @@ def test_the_command_takes_the_library_s_variables_and_then_needs_no_network(
 
     def run(name: str, **variables: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "semcal_cli", *words, str(tmp_path / name)]
-        given = env | {"HF_HOME": str(tmp_path / "home")} | variables
+        environment = env | {"HF_HOME": str(tmp_path / "home")} | variables
         return subprocess.run(
-            command, capture_output=True, text=True, env=given, check=False, timeout=120, cwd=tmp_path
+            command, capture_output=True, text=True, env=environment, check=False, timeout=120, cwd=tmp_path
         )
 
     with serve() as hub:
@@ -190,7 +190,7 @@ def test_progress_is_that_of_the_library_s_own_transfer(hub: ModelHub) -> None:
     if not hasattr(reporting, "XetDownloadProgressReporter"):
         pytest.skip("another version of the library")
     events: list[Progress] = []
-    bar = _bar("fetching x", events.append)  # type: ignore[arg-type]
+    bar = _progress_bar("fetching x", events.append)  # type: ignore[arg-type]
     about = {
         "reconstruction_desc": "x",
         "transfer_desc": "x",
@@ -292,9 +292,9 @@ def test_what_cannot_be_had_is_one_line_and_nothing_is_fetched(
 def test_a_short_name_is_that_of_a_repository(hub: ModelHub, plain: Path, tmp_path: Path) -> None:
     hub.add(RECOMMENDED["cityscapes"].repository, repository(tmp_path / "repository"))
     result = tmp_path / "out.yaml"
-    found = invoke("calibrate", plain, "--image-model", "cityscapes", "--no-polish", "-o", result)
-    assert found.exit_code in (0, 3), found.output
-    assert "images by cityscapes" in found.output
+    ending = invoke("calibrate", plain, "--image-model", "cityscapes", "--no-polish", "-o", result)
+    assert ending.exit_code in (0, 3), ending.output
+    assert "images by cityscapes" in ending.output
     written = yaml.safe_load(result.read_text())["input"]
     assert ".semcal_labels" in written["drive"]
     weights = (tmp_path / "repository/onnx/model.onnx").read_bytes()
@@ -304,7 +304,7 @@ def test_a_short_name_is_that_of_a_repository(hub: ModelHub, plain: Path, tmp_pa
         "sha256": {"model": hashlib.sha256(weights).hexdigest()},
         "licence": licence,
     }
-    assert found.output.count(f"licence of model.onnx: {licence}") == 1
+    assert ending.output.count(f"licence of model.onnx: {licence}") == 1
     listed = invoke("label", "--list-models")
     assert listed.exit_code == 0
     assert listed.output.splitlines()[:3] == [
@@ -325,6 +325,6 @@ def test_a_batch_fetches_a_network_once(hub: ModelHub, plain: Path, tmp_path: Pa
     """Its drives are calibrated in processes of their own, which do not know this hub."""
     hub.add(NAME, repository(tmp_path / "repository"))
     words = ("--image-model", f"hf:{NAME}", "--no-polish", "--max-frames", 1)
-    found = invoke("batch", plain, "-o", tmp_path / "results", "--", *words)
-    assert found.exit_code in (0, 3), found.output
+    result = invoke("batch", plain, "-o", tmp_path / "results", "--", *words)
+    assert result.exit_code in (0, 3), result.output
     assert len(hub.fetched) == 3

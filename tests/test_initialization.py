@@ -5,10 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import core
+from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN, check_mountings
 from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.estimation.search.mounting import Mounting, runner_up
-from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN, search_mountings
+from semcal_cli.estimation.search.mounting_search import search_mountings
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, compare_poses, inverse, rotation_error_deg
 from semcal_cli.observations.observations import LabelledCloud, Observations
@@ -115,9 +116,8 @@ def test_ascents_that_end_apart_have_the_surroundings_searched(
 
 
 def test_the_camera_stays_within_the_baseline(street_observations: Observations) -> None:
-    config = InitializationConfig()
-    near = dataclasses.replace(config, alignment=dataclasses.replace(config.alignment, max_baseline_m=0.05))
-    for hypothesis in search_mountings(street_observations, near, seed=0).hypotheses:
+    near = dataclasses.replace(street_observations, max_baseline_m=0.05)
+    for hypothesis in search_mountings(near, InitializationConfig(), seed=0).hypotheses:
         assert np.linalg.norm(camera_center(hypothesis.T_camera_lidar)) < 0.051
 
 
@@ -130,7 +130,7 @@ def test_a_runner_up_says_something_else(street_observations: Observations) -> N
     assert rotation_error_deg(other.T_camera_lidar, best.T_camera_lidar) >= config.runner_up_deg
     assert found.runner_up_margin == best.margin(other)
     assert found.runner_up_margin > MIN_RUNNER_UP_MARGIN
-    assert found.findings == ()
+    assert check_mountings(found) == ()
 
 
 def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations: Observations) -> None:
@@ -150,7 +150,7 @@ def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations:
     assert other is not None
     assert rotation_error_deg(other.T_camera_lidar, best.T_camera_lidar) > 170.0
     assert best.margin(other) < MIN_RUNNER_UP_MARGIN
-    (finding,) = found.findings
+    (finding,) = check_mountings(found)
     assert finding.sentence.startswith(f"a mounting {other.rotation_from_best_deg:.0f} degrees away ")
 
 

@@ -7,9 +7,9 @@ import yaml
 from commands import invoke, unwrapped
 from conftest import edited
 
+from semcal_cli.checks.identical_files import find_identical_files
 from semcal_cli.checks.inspection import DriveReport, inspect
 from semcal_cli.checks.motion_report import NO_MOTION
-from semcal_cli.checks.pairing import find_identical_files
 from semcal_cli.cli.inspect import LABEL_WIDTH
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
@@ -170,7 +170,7 @@ def test_identical_files_are_named(drive: Path) -> None:
     for kind in ("points", "point_labels", "image_labels", "image"):
         (drive / second[kind]).write_bytes((drive / first[kind]).read_bytes())
     (drive / others[1]["image"]).write_bytes((drive / others[0]["image"]).read_bytes())
-    assert find_identical_files(read_drive(drive)) == [
+    assert [finding.sentence for finding in find_identical_files(read_drive(drive))] == [
         "frame 000001 has the same points, point labels, label images and images as frame 000000",
         "frame 000003 has the same images as frame 000002",
     ]
@@ -178,7 +178,7 @@ def test_identical_files_are_named(drive: Path) -> None:
         document["frames"] = [first] * 70
     same = "the same points, point labels, label images and images"
     sentence = f"frame points/000000.bin is listed 70 times, with {same}"
-    assert find_identical_files(read_drive(drive)) == [sentence]
+    assert [finding.sentence for finding in find_identical_files(read_drive(drive))] == [sentence]
     assert sentence in looked_at(drive).suspicions
 
 
@@ -216,4 +216,4 @@ def test_the_motion_is_told(tmp_path: Path) -> None:
     assert "at 9.0 to 9.0 m/s with turns of up to 2.9 degrees per second" in looked_at(drive).advice[-1]
     with edited(drive) as document:
         del document["motion"]
-    assert looked_at(drive).advice[-1] == NO_MOTION
+    assert looked_at(drive).advice[-1].endswith(f": {NO_MOTION.advice}")

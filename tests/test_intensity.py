@@ -29,7 +29,7 @@ UNMOVED = 0.9
 
 
 @pytest.fixture(scope="module")
-def seen(street: Path) -> Observations:
+def intensities(street: Path) -> Observations:
     return observe_intensity(read_drive(street))
 
 
@@ -53,25 +53,30 @@ def near(before: np.ndarray, after: np.ndarray) -> float:
     return float(np.mean(np.abs(before.astype(int) - after.astype(int)) <= 1))
 
 
-def test_levels_are_equally_frequent(seen: Observations) -> None:
-    for ids in (np.concatenate([cloud.classes for cloud in seen.clouds]), seen.images[0].classes.ravel()):
+def test_levels_are_equally_frequent(intensities: Observations) -> None:
+    for ids in (
+        np.concatenate([cloud.classes for cloud in intensities.clouds]),
+        intensities.images[0].classes.ravel(),
+    ):
         shares = np.bincount(ids, minlength=INTENSITY.num_levels) / len(ids)
         assert len(shares) == INTENSITY.num_levels
         np.testing.assert_allclose(shares, 1.0 / INTENSITY.num_levels, atol=0.015)
 
 
-def test_light_and_exposure_change_no_level(street: Path, seen: Observations, tmp_path: Path) -> None:
+def test_light_and_exposure_change_no_level(street: Path, intensities: Observations, tmp_path: Path) -> None:
     def dusk(image: np.ndarray) -> np.ndarray:
         """Darker, and towards the right more so."""
         return image * np.linspace(0.9, 0.6, image.shape[1])[:, None] + 5.0
 
     dark = observe_intensity(changed(street, tmp_path / "dusk", image=dusk))
-    assert near(seen.images[0].classes, dark.images[0].classes) > UNMOVED
+    assert near(intensities.images[0].classes, dark.images[0].classes) > UNMOVED
     negative = observe_intensity(changed(street, tmp_path / "negative", image=lambda p: 255.0 - p))
-    assert near(seen.images[0].classes, INTENSITY.num_levels - 1 - negative.images[0].classes) > UNMOVED
+    assert (
+        near(intensities.images[0].classes, INTENSITY.num_levels - 1 - negative.images[0].classes) > UNMOVED
+    )
 
 
-def test_range_and_gain_change_no_level(street: Path, seen: Observations, tmp_path: Path) -> None:
+def test_range_and_gain_change_no_level(street: Path, intensities: Observations, tmp_path: Path) -> None:
     """Of points that have others near by at about the same range; falling off across an edge is no slow change."""
 
     def weaker(cloud: np.ndarray) -> np.ndarray:

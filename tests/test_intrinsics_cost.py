@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from semcal_cli.checks.implausible_intrinsics import implausible_intrinsics, notes_on_intrinsics
+from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma
 from semcal_cli.estimation.adjust.priors import Prior, fuse_with_priors
@@ -11,11 +13,8 @@ from semcal_cli.estimation.uncertainty.covariance import MANY, Matrix, estimate_
 from semcal_cli.estimation.uncertainty.intrinsics import (
     around_intrinsics,
     covariance_of_intrinsics,
-    implausible_intrinsics,
     intrinsics_cost,
-    notes_on_intrinsics,
     shift_by,
-    wrong_intrinsics,
 )
 from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.arrays import Pose
@@ -115,7 +114,7 @@ def test_a_good_camera_is_not_doubted(street_observations: Observations, polishe
     around = around_intrinsics(street_observations, polished)
     assert (
         findings_among(
-            wrong_intrinsics(around, street_observations.camera, len(set(street_observations.scenes)))
+            check_intrinsics(around, street_observations.camera, len(set(street_observations.scenes)))
         )
         == ()
     )

@@ -7,14 +7,14 @@ import numpy.typing as npt
 import pytest
 
 from semcal_cli.checks.inspection import inspect
-from semcal_cli.checks.label_alignment import check_label_alignment, spread
-from semcal_cli.checks.pairing import frame_list
+from semcal_cli.checks.shifted_labels import check_label_alignment, spread
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.files.image_files import read_image, write_image
 from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.arrays import Pose
+from semcal_cli.observations.frame_naming import frame_list
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations

@@ -36,10 +36,10 @@ from semcal_cli.observations.reading import read_clouds, read_label_images
 
 def test_a_labelled_drive_has_all_that_the_old_one_has(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
-    found = invoke(
+    result = invoke(
         "label", plain, "--image-model", net, "-o", tmp_path / "out", "--preview", tmp_path / "p.png"
     )
-    assert found.exit_code == 0, found.output
+    assert result.exit_code == 0, result.output
     old, new = read_drive(plain), read_drive(tmp_path / "out")
     assert new.camera == old.camera
     assert new.classes is not None
@@ -63,13 +63,13 @@ def test_a_stopped_run_goes_on_and_other_settings_do_not_mix(plain: Path, tmp_pa
     whole = [file.read_bytes() for file in files]
     files[0].unlink()
     files[1].write_bytes(whole[1][:50])
-    found = invoke(*arguments)
-    assert f"{len(files) - 2} label files reused" in found.output
+    result = invoke(*arguments)
+    assert f"{len(files) - 2} label files reused" in result.output
     assert [file.read_bytes() for file in files] == whole
     card(tmp_path, classes=["sky", "road", "green", "brown"], color="bgr")
-    found = invoke(*arguments)
+    result = invoke(*arguments)
     assert "found labels of another model, drive or settings, needed another -o, or --force" in str(
-        found.exception
+        result.exception
     )
     assert invoke(*arguments, "--force").exit_code == 0
     assert [file.read_bytes() for file in files] != whole
@@ -94,8 +94,8 @@ def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_pa
     assert [file.read_bytes() for file in whole] == [file.read_bytes() for file in some]
     with edited(plain) as document:
         document["frames"].reverse()
-    found = invoke(*arguments, "-o", tmp_path / "some")
-    assert "found labels of another model, drive or settings" in str(found.exception)
+    result = invoke(*arguments, "-o", tmp_path / "some")
+    assert "found labels of another model, drive or settings" in str(result.exception)
 
 
 def test_an_image_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: Path, tmp_path: Path) -> None:
@@ -106,18 +106,18 @@ def test_an_image_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: P
     images[1].write_bytes(images[1].read_bytes()[:900])
     first = f"{images[1]}: found a damaged image, needed an intact one"
     second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, needed an image"
-    found = invoke("label", plain, "--image-model", net, "-o", tmp_path / "out")
-    assert isinstance(found.exception, InputError)
-    assert str(found.exception) == f"2 of {len(images)} frames failed; {first}"
-    assert second in found.output.replace("\n", " ")
+    result = invoke("label", plain, "--image-model", net, "-o", tmp_path / "out")
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception) == f"2 of {len(images)} frames failed; {first}"
+    assert second in result.output.replace("\n", " ")
     assert len(read_drive(tmp_path / "out").frames) == len(images) - 2
 
 
 def test_probabilities_are_those_that_a_calibration_reads(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
     for options, name in (((), "hard"), (("--probabilities",), "soft")):
-        found = invoke("label", plain, "--image-model", net, "-o", tmp_path / name, *options)
-        assert found.exit_code == 0, found.output
+        result = invoke("label", plain, "--image-model", net, "-o", tmp_path / name, *options)
+        assert result.exit_code == 0, result.output
     hard, soft = (read_label_images(read_drive(tmp_path / name))[0] for name in ("hard", "soft"))
     assert isinstance(soft, core.ClassShares)
     # Shares in 1/255 may be equal where scores are not quite.
@@ -141,8 +141,8 @@ def test_entries_that_are_no_points_keep_their_places(plain: Path, tmp_path: Pat
         net = range_network(tmp_path / "net.onnx", 5, 16, 128, 1, 0.0)
         (tmp_path / "net.yaml").write_text(yaml.safe_dump(POINT_CARD))
         options = ("--point-model", net)
-    found = invoke("label", plain, *options, "-o", tmp_path / "out")
-    assert found.exit_code == 0, found.output
+    result = invoke("label", plain, *options, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
     new = read_drive(tmp_path / "out")
     for frame, cloud in zip(new.frames, read_clouds(new), strict=True):
         assert cloud.labels is not None
@@ -154,10 +154,10 @@ def test_entries_that_are_no_points_keep_their_places(plain: Path, tmp_path: Pat
         if by == "segments":
             kinds, segments = labels & 0xFFFF, labels >> 16
             assert np.array_equal(segments == 0, kinds == 0)
-            assert all(len(np.unique(kinds[segments == each])) == 1 for each in np.unique(segments))
+            assert all(len(np.unique(kinds[segments == segment])) == 1 for segment in np.unique(segments))
     assert new.classes is not None
-    named = {"near": (1,), "far": (2,)} if by == "network" else {"ground": (1,), "objects": (2,)}
-    assert new.classes.points == named
+    classes = {"near": (1,), "far": (2,)} if by == "network" else {"ground": (1,), "objects": (2,)}
+    assert new.classes.points == classes
 
 
 def test_calibrate_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
@@ -205,8 +205,8 @@ def test_what_was_understood_is_told(tmp_path: Path) -> None:
 def test_ready_cards_are_whole(name: str) -> None:
     path = find_card(name, Path("none.onnx"))
     assert path is not None
-    found = read_card(path)
-    classes, ignored = read_classes(found, path)
+    card = read_card(path)
+    classes, ignored = read_classes(card, path)
     assert len(classes) >= 2
     assert not {value for ids in classes.values() for value in ids} & set(ignored)
 
@@ -221,17 +221,17 @@ def test_ready_cards_are_whole(name: str) -> None:
 )
 def test_ignored_ids_have_no_name(tmp_path: Path, classes: object, named: set[str]) -> None:
     card(tmp_path, classes=classes, ignore=[0])
-    found, ignored = read_classes(read_card(tmp_path / "net.yaml"), tmp_path / "net.yaml")
-    assert named <= set(found)
+    classes_read, ignored = read_classes(read_card(tmp_path / "net.yaml"), tmp_path / "net.yaml")
+    assert named <= set(classes_read)
     assert 0 in ignored
-    assert not {0} & {value for ids in found.values() for value in ids}
+    assert not {0} & {value for ids in classes_read.values() for value in ids}
 
 
 def _external(location: str) -> Callable[[Path], None]:
     def make(folder: Path) -> None:
         color_network(folder / "net.onnx")
         model = onnx.load(str(folder / "net.onnx"))
-        weights = next(each for each in model.graph.initializer if each.name == "w")
+        weights = next(tensor for tensor in model.graph.initializer if tensor.name == "w")
         (folder.parent / "outside.bin").write_bytes(weights.raw_data)
         weights.ClearField("raw_data")
         weights.data_location = TensorProto.EXTERNAL
@@ -311,9 +311,9 @@ def test_a_broken_model_or_card_is_one_line(
     folder = tmp_path / "models"
     folder.mkdir()
     make(folder)
-    found = invoke("label", plain, "--image-model", folder / "net.onnx", "-o", tmp_path / "out")
-    assert isinstance(found.exception, SemcalError), found.output
-    text = str(found.exception)
+    result = invoke("label", plain, "--image-model", folder / "net.onnx", "-o", tmp_path / "out")
+    assert isinstance(result.exception, SemcalError), result.output
+    text = str(result.exception)
     assert "\n" not in text
     assert re.search(message, text), text
     assert not (tmp_path / "out/drive.yaml").exists()
@@ -321,10 +321,10 @@ def test_a_broken_model_or_card_is_one_line(
 
 def test_labels_never_replace_what_they_have_not_made(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
-    found = invoke("label", plain, "--image-model", net, "-o", plain)
-    assert "found the input drive, needed another name" in str(found.exception)
+    result = invoke("label", plain, "--image-model", net, "-o", plain)
+    assert "found the input drive, needed another name" in str(result.exception)
     folder = tmp_path / "out/image_labels"
     folder.mkdir(parents=True)
     (folder / "mine.png").write_bytes(b"mine")
-    found = invoke("label", plain, "--image-model", net, "-o", tmp_path / "out")
-    assert "found files that `semcal label` did not write, needed another -o" in str(found.exception)
+    result = invoke("label", plain, "--image-model", net, "-o", tmp_path / "out")
+    assert "found files that `semcal label` did not write, needed another -o" in str(result.exception)

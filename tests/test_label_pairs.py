@@ -29,9 +29,9 @@ def test_a_second_network_tells_how_far_both_agree(plain: Path, tmp_path: Path, 
     """By other names, the second gives the same answer."""
     names = ["Himmel", "gruen", "Strasse", "braun"] if is_renamed else ["sky", "road", "green", "brown"]
     models, out = two_networks(tmp_path, names), tmp_path / "out"
-    found = run("label", plain, *models, "-o", out)
-    assert found.exit_code == 0, found.output
-    assert "licence of net.onnx: of nobody" in found.output
+    result = run("label", plain, *models, "-o", out)
+    assert result.exit_code == 0, result.output
+    assert "licence of net.onnx: of nobody" in result.output
     drives = [read_drive(out / name) for name in ("drive.yaml", "drive_2.yaml")]
     assert drives[0].networks is not None
     assert drives[0].networks.second is not None
@@ -46,7 +46,7 @@ def test_a_second_network_tells_how_far_both_agree(plain: Path, tmp_path: Path, 
     assert share == pytest.approx(0.0 if is_renamed else (first != second).mean(), abs=0.01)
     assert 0.2 < (first != second).mean() < 0.8
     line = f"the second network (drive_2.yaml) differs in {share:.1%} of the pixels"
-    assert line in found.output
+    assert line in result.output
     assert line in run("inspect", out).output
     assert "networks" in run("inspect", out, "--json").output
     assert "found 3, needed at most 2" in run("label", plain, *models, *models[:2], "-o", out).output
@@ -64,10 +64,10 @@ def test_a_calibration_uses_the_first_of_two_networks(
     result = tmp_path / "out.yaml"
     if command == "batch":
         (result,) = [tmp_path / "results" / str(plain).lstrip("/") / "calibration.yaml"]
-        found = run("batch", plain, "-o", tmp_path / "results", "--", *options)
+        ending = run("batch", plain, "-o", tmp_path / "results", "--", *options)
     else:
-        found = run("calibrate", plain, *options, "-o", result)
-    assert found.exit_code in (0, 3), found.output
+        ending = run("calibrate", plain, *options, "-o", result)
+    assert ending.exit_code in (0, 3), ending.output
     written = yaml.safe_load(result.read_text())
     networks, labelled = written["input"]["networks"], read_drive(tmp_path / "labelled").networks
     assert labelled is not None
@@ -75,11 +75,11 @@ def test_a_calibration_uses_the_first_of_two_networks(
     assert labelled.second is not None
     assert networks["image"]["sha256"] == labelled.image.sha256
     assert networks["second"]["disagreement"] == labelled.second.disagreement
-    named = networks["second"]["drive"]
+    second_name = networks["second"]["drive"]
     share = labelled.second.disagreement
-    assert written["notes"] == [f"the second network ({named}) differs in {share:.1%} of the pixels"]
-    (second,) = plain.glob(f".semcal_labels/{Path(named).parent.name}/drive_*.yaml")
-    old, new = (read_label_images(read_drive(each)) for each in (tmp_path / "labelled/drive_2.yaml", second))
+    assert written["notes"] == [f"the second network ({second_name}) differs in {share:.1%} of the pixels"]
+    (second,) = plain.glob(f".semcal_labels/{Path(second_name).parent.name}/drive_*.yaml")
+    old, new = (read_label_images(read_drive(path)) for path in (tmp_path / "labelled/drive_2.yaml", second))
     assert np.array_equal(old, new)
 
 
@@ -104,5 +104,5 @@ def test_an_image_that_only_the_second_network_misses_is_named(plain: Path, tmp_
     arguments = ("label", plain, "-o", tmp_path / "out", "--image-model", net)
     assert run(*arguments).exit_code == 0
     image.write_bytes(image.read_bytes()[:900])
-    found = run(*arguments, "--image-model", shutil.copy(net, tmp_path / "net_2.onnx"), "--force")
-    assert f"frames failed; {image}: found a damaged image" in str(found.exception)
+    result = run(*arguments, "--image-model", shutil.copy(net, tmp_path / "net_2.onnx"), "--force")
+    assert f"frames failed; {image}: found a damaged image" in str(result.exception)

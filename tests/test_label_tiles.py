@@ -9,7 +9,7 @@ from networks import card, constant_network, save
 from onnx import TensorProto, helper
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.labelling.image_labeller import ImageLabeller, joined_masks
+from semcal_cli.labelling.image_labeller import ImageLabeller, combine_masks
 from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.onnx_network import open_network
 
@@ -29,8 +29,8 @@ def windows_in_numpy(scores: np.ndarray, *, is_tall: bool) -> np.ndarray:
     for start in STARTS:
         total[:, :, start : start + SIDE] += scores
         count[start : start + SIDE] += 1
-    found = np.stack([cv2.resize(plane, (LONG, SHORT)) for plane in total / count])
-    return found.swapaxes(1, 2) if is_tall else found
+    upsampled = np.stack([cv2.resize(plane, (LONG, SHORT)) for plane in total / count])
+    return upsampled.swapaxes(1, 2) if is_tall else upsampled
 
 
 def masks_network(folder: Path) -> np.ndarray:
@@ -47,7 +47,7 @@ def masks_network(folder: Path) -> np.ndarray:
         {name: (TensorProto.FLOAT, values.shape) for name, values in constants.items()},
         {f"of {name}": values for name, values in constants.items()},
     )
-    return joined_masks(constants, (SIDE, SIDE))[0]
+    return combine_masks(constants, (SIDE, SIDE))[0]
 
 
 @pytest.mark.parametrize("is_tall", [False, True])

@@ -14,11 +14,11 @@ from onnx import TensorProto, helper
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.labelling.image_labeller import ImageLabeller, joined_masks
+from semcal_cli.labelling.image_labeller import ImageLabeller, combine_masks
 from semcal_cli.labelling.model import image_model, point_model
 from semcal_cli.labelling.onnx_network import open_network
 from semcal_cli.labelling.sweep_labeller import SweepLabeller, sweep_labeller
-from semcal_cli.labelling.views import resized
+from semcal_cli.labelling.views import resize_image
 
 WIDTH, HEIGHT = 96, 64
 K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
@@ -93,11 +93,11 @@ def test_every_pixel_has_the_class_of_its_colour(tmp_path: Path, name: str) -> N
 
 def test_grey_is_that_of_the_eye(tmp_path: Path) -> None:
     """The network tells whether a pixel is brighter than half; a pure colour is as bright as its weight in BT.601."""
-    given = {"w": np.array([[[[1.0]]], [[[-1.0]]]], np.float32), "b": np.array([-0.5, 0.5], np.float32)}
+    constants = {"w": np.array([[[[1.0]]], [[[-1.0]]]], np.float32), "b": np.array([-0.5, 0.5], np.float32)}
     shape = [1, 1, HEIGHT, WIDTH]
     outputs = {"y": (TensorProto.FLOAT, [1, 2, HEIGHT, WIDTH])}
     nodes = [helper.make_node("Conv", ["x", "w", "b"], ["y"])]
-    save(tmp_path / "net.onnx", nodes, {"x": (TensorProto.FLOAT, shape)}, outputs, given)
+    save(tmp_path / "net.onnx", nodes, {"x": (TensorProto.FLOAT, shape)}, outputs, constants)
     card(tmp_path, color="gray", classes=["bright", "dark"])
     net = labeller(tmp_path / "net.onnx")
     for color, expected in (([0, 255, 0], 0), ([255, 0, 255], 1), ([200] * 3, 0), ([30] * 3, 1)):
@@ -113,9 +113,9 @@ def test_coarse_scores_are_sampled_as_opencv_samples_them(tmp_path: Path) -> Non
     mean = image[..., ::-1].reshape(HEIGHT // stride, stride, WIDTH // stride, stride, 3).mean((1, 3))
     scores = np.moveaxis(color_scores(mean), 0, 2).astype(np.float32)
     expected = np.moveaxis(cv2.resize(scores, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR), 2, 0)
-    found = labeller(tmp_path / "net.onnx").ids(image)
+    ids = labeller(tmp_path / "net.onnx").ids(image)
     best, second = np.sort(expected, axis=0)[[-1, -2]]
-    assert np.array_equal(found[best - second > 1e-4], expected.argmax(0)[best - second > 1e-4])
+    assert np.array_equal(ids[best - second > 1e-4], expected.argmax(0)[best - second > 1e-4])
     assert np.mean(best - second > 1e-4) > 0.99
     shares = labeller(tmp_path / "net.onnx").shares(image)
     likely = np.exp(expected - expected.max(0))
@@ -126,14 +126,14 @@ def test_outermost_centres_agree_where_the_card_says_so(tmp_path: Path) -> None:
     scores = np.array([[[[0.0, 0.0, 9.0]], [[4.0, 4.0, 0.0]]]], np.float32)
     constant_network(scores)(tmp_path)
     camera = PLAIN.model_copy(update={"width": 9, "height": 3})
-    found = {}
+    positions = {}
     for aligned, ones in ((False, 5), (True, 6)):
         card(tmp_path, size=[9, 3], align_corners=aligned, classes=["a", "b"])
         net = labeller(tmp_path / "net.onnx", camera)
-        found[aligned] = net.views.places_on(3, 1, align_corners=aligned)[:9, 0]
+        positions[aligned] = net.views.positions_on(3, 1, align_corners=aligned)[:9, 0]
         assert net.ids(np.zeros((3, 9, 3), np.uint8))[0].tolist() == [1] * ones + [0] * (9 - ones)
-    assert np.allclose(found[False], (np.arange(9) + 0.5) / 3 - 0.5)
-    assert np.allclose(found[True], np.arange(9) / 4)
+    assert np.allclose(positions[False], (np.arange(9) + 0.5) / 3 - 0.5)
+    assert np.allclose(positions[True], np.arange(9) / 4)
 
 
 def test_scores_may_be_bytes_where_the_card_says_that_they_are_scores(tmp_path: Path) -> None:
@@ -153,24 +153,24 @@ def test_scores_may_be_bytes_where_the_card_says_that_they_are_scores(tmp_path: 
 def test_masks_of_queries_are_joined(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     classes, masks = random.normal(size=(1, 5, 4)), random.normal(size=(1, 5, 6, 7))
-    found = joined_masks({"class_queries_logits": classes, "masks_queries_logits": masks})
+    probabilities = combine_masks({"class_queries_logits": classes, "masks_queries_logits": masks})
     expected = np.zeros((3, 6, 7))
     for query in range(5):
         likely = np.exp(classes[0, query]) / np.exp(classes[0, query]).sum()
         for name in range(3):
             expected[name] += likely[name] / (1.0 + np.exp(-masks[0, query]))
-    assert np.allclose(found[0], expected)
+    assert np.allclose(probabilities[0], expected)
     larger = np.stack([cv2.resize(mask, (9, 5)) for mask in masks[0]])[None]
     outputs = {"class_queries_logits": classes, "masks_queries_logits": larger}
-    scaled = joined_masks({"class_queries_logits": classes, "masks_queries_logits": masks}, (9, 5))
-    assert np.allclose(scaled, joined_masks(outputs), atol=1e-6)
+    scaled = combine_masks({"class_queries_logits": classes, "masks_queries_logits": masks}, (9, 5))
+    assert np.allclose(scaled, combine_masks(outputs), atol=1e-6)
 
 
 def test_an_image_shrinks_by_the_filter_of_the_card() -> None:
     """Of a bright column among dark ones, a shrunk image has its share by the mean, and nothing by the nearest."""
     stripes = np.zeros((8, 32, 3), np.uint8)
     stripes[:, ::4] = 200
-    shrunk = {how: set(np.unique(resized(stripes, (8, 8), how))) for how in (None, "box", "nearest")}
+    shrunk = {how: set(np.unique(resize_image(stripes, (8, 8), how))) for how in (None, "box", "nearest")}
     assert shrunk == {None: {50}, "box": {50}, "nearest": {0}}
 
 
@@ -200,14 +200,14 @@ def test_the_way_through_rectified_images_moves_no_border_by_more_than_a_pixel(
     rows, columns = np.mgrid[: camera.height, : camera.width]
     classes = ((rows + 80.0 * columns / camera.width) // 40 % 2).astype(int)
     image = COLORS[classes][..., ::-1].copy()
-    found = labeller(tmp_path / "net.onnx", camera, is_rectified=True).ids(image).astype(int)
-    seen = found != core.NO_ID
+    labels = labeller(tmp_path / "net.onnx", camera, is_rectified=True).ids(image).astype(int)
+    seen = labels != core.NO_ID
     assert seen.mean() > 0.75
     if name == "equirectangular":
         seen[[0, -1]] = False  # a row at a pole is one point
     border = cv2.distanceTransform((classes == np.roll(classes, 1, 0)).astype(np.uint8), cv2.DIST_L2, 5)
-    assert border[seen & (found != classes)].max(initial=0.0) <= BORDER_PX + BESIDE_PX
-    assert np.mean(found[seen] == classes[seen]) > 0.97
+    assert border[seen & (labels != classes)].max(initial=0.0) <= BORDER_PX + BESIDE_PX
+    assert np.mean(labels[seen] == classes[seen]) > 0.97
 
 
 # Sweeps
@@ -259,7 +259,7 @@ def test_points_have_the_class_of_their_pixel(tmp_path: Path, convention: str) -
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(values))
     file, points = sweep(tmp_path)
     (cloud,) = core.read_point_clouds([(file, None)])
-    found = SweepLabeller(point_model(open_network(net), None)).ids(cloud)
+    ids = SweepLabeller(point_model(open_network(net), None)).ids(cloud)
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     if convention == "round":
@@ -278,8 +278,8 @@ def test_points_have_the_class_of_their_pixel(tmp_path: Path, convention: str) -
         for i in range(len(points))
     ]
     # A point on the border of two pixels may fall into either.
-    assert np.mean(found == np.array(expected)) > 0.999
-    assert set(np.unique(found)) == ({1, 2} if convention == "round" else {1, 2, core.NO_ID})
+    assert np.mean(ids == np.array(expected)) > 0.999
+    assert set(np.unique(ids)) == ({1, 2} if convention == "round" else {1, 2, core.NO_ID})
 
 
 @pytest.mark.parametrize("output", ["scores", "ids", "scores of a batch"])
@@ -296,22 +296,22 @@ def test_a_network_may_take_the_points_themselves(tmp_path: Path, output: str) -
     if output == "ids":
         nodes.append(helper.make_node("ArgMax", ["scores"], ["y"], axis=1, keepdims=0))
         last, kind, axes = "y", TensorProto.INT64, shape
-    given = {"w": weights, "b": np.array([0.5, 0.0], np.float32)}
+    constants = {"w": weights, "b": np.array([0.5, 0.0], np.float32)}
     net = save(
         tmp_path / "net.onnx",
         nodes,
         {"points": (TensorProto.FLOAT, [*shape, 5])},
         {last: (kind, axes)},
-        given,
+        constants,
     )
     stated = {"semcal_point_model": 1, "kind": "points", "channels": ["x", "y", "z", "intensity", "range"]}
     numbers = {"mean": [0, 0, -1.0, 0, 0], "std": [1, 1, 2.0, 1, 1], "classes": ["low", "high"]}
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated | numbers))
     file, points = sweep(tmp_path)
     (cloud,) = core.read_point_clouds([(file, None)])
-    found = sweep_labeller(open_network(net), None).ids(cloud)
-    assert np.array_equal(found, (points[:, 2].astype(float) + 1.0) / 2.0 > 0.5)
-    assert 0.02 < found.mean() < 0.98
+    ids = sweep_labeller(open_network(net), None).ids(cloud)
+    assert np.array_equal(ids, (points[:, 2].astype(float) + 1.0) / 2.0 > 0.5)
+    assert 0.02 < ids.mean() < 0.98
 
 
 def test_a_network_of_points_has_no_other_inputs(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def test_shares_have_the_derivative_of_the_pose(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     points = core.AnchoredPoints(
-        street_observations.core, street_truth, factor=8, edge_band_px=0, visible_only=False
+        street_observations.without_edge_band.core, street_truth, factor=8, visible_only=False
     )
     indices = torch.arange(0, len(points.classes), 401)
     # Just beside the anchor: at the middle of a block the gradient jumps.
@@ -79,7 +79,6 @@ def test_points_amid_one_class_count_as_if_drawn(
             street_observations.core,
             street_truth,
             factor=4,
-            edge_band_px=1,
             visible_only=True,
             constant_radius=constant_radius,
         )
@@ -93,9 +92,7 @@ def test_points_amid_one_class_count_as_if_drawn(
 
 
 def test_an_index_beyond_the_points_is_refused(street_observations: Observations, street_truth: Pose) -> None:
-    points = core.AnchoredPoints(
-        street_observations.core, street_truth, factor=4, edge_band_px=0, visible_only=False
-    )
+    points = core.AnchoredPoints(street_observations.core, street_truth, factor=4, visible_only=False)
     with pytest.raises(ValueError, match="an index is not one of the"):
         points.sample(np.array([len(points.classes)]), street_truth)
 

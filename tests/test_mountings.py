@@ -6,18 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, InitializationConfig, RefinementConfig
+from semcal_cli.config import CalibrationConfig, InitializationConfig, RefinementConfig
 from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.estimation.search.mounting_search import Initialization, with_best
 from semcal_cli.events import ignore
-from semcal_cli.findings.check import OTHER_MOUNTING
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import initialize, refine
 from semcal_cli.pipeline.mountings import resolve_mountings
-
-OPEN = OTHER_MOUNTING.measured(0.0, "a mounting explains the labels as well").findings
 
 
 @pytest.fixture(scope="session")
@@ -41,14 +38,14 @@ def test_the_right_mounting_is_taken_though_another_led(
 ) -> None:
     other = found.hypotheses[1]
     led = with_best(found, other, data.for_search)
-    wrong = replace(led, hypotheses=led.hypotheses[:2], findings=OPEN)
+    wrong = replace(led, hypotheses=led.hypotheses[:2])
     again = partial(refine, data, config=RefinementConfig())
     start = again(other.T_camera_lidar)
     assert compare_poses(start.T_camera_lidar, street_truth).rotation_deg > 10.0
-    initial, refined = resolve_mountings(data, wrong, start, again, MAX_BASELINE_M, 0, ignore)
+    initial, refined, is_clear = resolve_mountings(data, wrong, start, again, 0, ignore)
     assert compare_poses(refined.T_camera_lidar, street_truth).rotation_deg < 0.15
     assert compare_poses(initial.T_camera_lidar, street_truth).rotation_deg < 3.0
-    assert initial.findings == ()
+    assert is_clear
 
 
 def test_a_mounting_that_another_explains_as_well_stays_doubted(
@@ -63,8 +60,8 @@ def test_a_mounting_that_another_explains_as_well_stays_doubted(
         asked.append(T_camera_lidar)
         return refined
 
-    twin = replace(found, hypotheses=twins, findings=OPEN)
-    initial, same = resolve_mountings(data, twin, refined, again, MAX_BASELINE_M, 0, ignore)
+    twin = replace(found, hypotheses=twins)
+    _, same, is_clear = resolve_mountings(data, twin, refined, again, 0, ignore)
     assert same is refined
-    assert initial.findings == OPEN
+    assert not is_clear
     assert len(asked) == 1, "the first that stays unclear decides"

@@ -34,7 +34,7 @@ from semcal_cli.report.colors import (
     level_colors,
 )
 from semcal_cli.report.overlays import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_image
-from semcal_cli.report.points import View, frame_points, goes_together, points_in_image
+from semcal_cli.report.points import View, associated_classes, frame_points, points_in_image
 
 CAMERA = Camera(
     model="plumb_bob", width=640, height=360, K=((320.0, 0.0, 319.5), (0.0, 320.0, 179.5), (0.0, 0.0, 1.0))
@@ -167,8 +167,8 @@ def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Pa
     off[0, 3] += 0.3
     write_transform(off, tmp_path / "off.yaml", "semcal")
     options = ["--against", tmp_path / "off.yaml", "--by", by, "--max-frames", "2"]
-    found = invoke("overlay", street, street, *options, "-o", tmp_path / "out")
-    assert found.exit_code == 0, found.output
+    result = invoke("overlay", street, street, *options, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
     first, second = sorted((tmp_path / "out").iterdir())
     assert (first.name, second.name) == ("000000.png", "000001.png")
     image = cv2.imread(str(first))
@@ -181,8 +181,8 @@ def test_labels_agree_best_at_the_truth(street_observations: Observations, stree
     for T, by in zip(moved, (-0.3, 0.0, 0.3), strict=True):
         T[0, 3] += by
     views = [View(street_observations, T) for T in moved]
-    together = goes_together(views[1].agreement())
-    left, middle, right = (each.agreement or 0.0 for each in frame_points(views, 0, together).poses)
+    together = associated_classes(views[1].agreement())
+    left, middle, right = (pose.agreement or 0.0 for pose in frame_points(views, 0, together).poses)
     assert middle > 0.95
     assert max(left, right) < middle - 0.02
 
@@ -190,12 +190,12 @@ def test_labels_agree_best_at_the_truth(street_observations: Observations, stree
 def test_a_drive_without_labels_is_shown_by_what_needs_none(drive: Path, tmp_path: Path) -> None:
     without(drive, "point_labels", "image_labels")
     for by, is_enough in (("depth", True), ("segment", True), ("edge", True), ("class", False)):
-        found = invoke("overlay", drive, drive, "--by", by, "-o", tmp_path / by, "-q")
-        assert (found.exit_code == 0) == is_enough
+        result = invoke("overlay", drive, drive, "--by", by, "-o", tmp_path / by, "-q")
+        assert (result.exit_code == 0) == is_enough
         assert (tmp_path / by).exists() == is_enough
     without(drive, "image")
-    found = invoke("overlay", drive, drive, "--by", "edge", "-o", tmp_path / "out")
-    assert str(found.exception).endswith(".image: found nothing, needed an image")
+    result = invoke("overlay", drive, drive, "--by", "edge", "-o", tmp_path / "out")
+    assert str(result.exception).endswith(".image: found nothing, needed an image")
 
 
 @pytest.mark.parametrize("command", ["overlay", "calibrate"])
@@ -205,9 +205,9 @@ def test_images_replace_nothing_that_is_read(command: str, street: Path, tmp_pat
     labels = drive / "image_labels"
     before = (labels / "000000.png").read_bytes()
     options = {"overlay": [drive, "-o", labels], "calibrate": ["--overlay", labels]}
-    found = invoke(command, drive, *options[command])
-    assert isinstance(found.exception, InputError)
-    assert "000000.png: found a file that this run reads, needed another folder" in str(found.exception)
+    result = invoke(command, drive, *options[command])
+    assert isinstance(result.exception, InputError)
+    assert "000000.png: found a file that this run reads, needed another folder" in str(result.exception)
     assert (labels / "000000.png").read_bytes() == before
 
 
@@ -293,12 +293,12 @@ def test_edges_of_sweep_and_image_coincide_at_the_truth_alone(street: Path, stre
     observations, brightness = load_cues(drive, ("edges",)), []
     for turn_deg in (-1.0, 0.0, 1.0):
         T = apply_twist(street_truth, np.array([0.0, 0.0, 0.0, 0.0, np.radians(turn_deg), 0.0]))
-        found = []
+        values = []
         for frame, cloud in zip(drive.frames, observations.clouds, strict=True):
             seen = points_in_image(cloud.points, T, observations.camera)
             shown = ~seen.is_hidden & (cloud.classes[seen.indices] == RANGE_3)
             u, v = seen.pixels[shown].clip(0, (639, 359)).T
-            found.append(edge_image(drive, frame)[v, u, 0])
-        brightness.append(float(np.concatenate(found).mean()))
+            values.append(edge_image(drive, frame)[v, u, 0])
+        brightness.append(float(np.concatenate(values).mean()))
     # Foliage is full of edges, which lie on edges of the image at any pose.
     assert brightness[1] > 1.05 * max(brightness[0], brightness[2])

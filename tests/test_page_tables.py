@@ -16,8 +16,8 @@ from laboratory import page_tables
 from laboratory.page_tables import command_line, find_place
 
 from semcal_cli.errors import InputError
-from semcal_cli.experiments import experiment, measured
-from semcal_cli.experiments.experiment import Experiment, Report, read_measured
+from semcal_cli.experiments import experiment_run, measured
+from semcal_cli.experiments.experiment_run import Experiment, Report, read_measured
 from semcal_cli.many.batch.pace import Pace
 
 BEFORE = "# Figures\n\n`<!-- table: ours -->` begins a place.\n\n<!-- table: ours -->\n"
@@ -144,10 +144,10 @@ def test_a_clone_tells_its_commit_and_whether_it_has_changes(
 
 
 def test_this_machine_is_told() -> None:
-    told = (
+    description = (
         r".+, \d+ cores?, (no NVIDIA GPU|.+), \d{4}-\d\d-\d\d, (commit [0-9a-f]+( and changes)?|semcal \S+)"
     )
-    assert re.fullmatch(told, measured.measured_here())
+    assert re.fullmatch(description, measured.measured_here())
 
 
 @dataclass(frozen=True)
@@ -167,10 +167,10 @@ def test_results_that_are_kept_say_where_they_were_measured(
         ("second", (2, 3), ["first", "second"]),
         ("third", (1,), ["first"]),
     ):
-        monkeypatch.setattr(experiment, "measured_here", lambda place=place: place)
+        monkeypatch.setattr(experiment_run, "measured_here", lambda place=place: place)
         cases = [Case(seed) for seed in seeds]
-        made = Experiment("ours", tmp_path, cases, run, Case, lambda results: Report([], ""))
-        made.run_cases(1, Pace(len(cases), 1))
+        experiment = Experiment("ours", tmp_path, cases, run, Case, lambda results: Report([], ""))
+        experiment.run_cases(1, Pace(len(cases), 1))
         assert read_measured(tmp_path) == expected
 
 
@@ -237,8 +237,8 @@ def test_every_marked_table_tells_its_command() -> None:
         places = re.findall(r"^<!-- table: (\w+) -->\n\n(.*?)^<!-- end", page.read_text(), re.M | re.DOTALL)
         for name, content in places:
             assert find_place(str(page), name)
-            told = re.fullmatch(r"(?:(?:\|.*\n)+\n)+(Measured by `(?:semcal|python) .*)\n\n", content)
-            assert told, (page.name, name)
+            note = re.fullmatch(r"(?:(?:\|.*\n)+\n)+(Measured by `(?:semcal|python) .*)\n\n", content)
+            assert note, (page.name, name)
 
 
 def test_the_figures_of_the_readme_are_those_of_the_pages() -> None:
@@ -252,4 +252,4 @@ def test_the_figures_of_the_readme_are_those_of_the_pages() -> None:
     for cells in filter(None, figures):
         # Between the median and the worst some tables have a quantile.
         patterns = [rf"\b{cell.replace('.', '[.]').replace(', ', ', (?:[0-9.]+, )?')}\b" for cell in cells]
-        assert [row for row in measured if all(re.search(each, row) for each in patterns)], cells
+        assert [row for row in measured if all(re.search(pattern, row) for pattern in patterns)], cells

@@ -38,23 +38,23 @@ SOUND = """<!doctype html><html lang="en"><meta name="viewport" content="width=d
 )
 def test_what_is_wrong_is_found(content: str, finding: str | None, browser: webdriver.Chrome) -> None:
     show(browser, SOUND.format(content))
-    found = serious_findings(browser)
+    findings = serious_findings(browser)
     if finding is None:
-        assert found == []
+        assert findings == []
     else:
-        assert any(finding in each for each in found), found
+        assert any(finding in message for message in findings), findings
 
 
 def fleet_page(folder: Path, kind: str, count: int, prefix: str, has_stamps: bool) -> Path:
     """The page of a fleet to which something happened."""
     lines = []
     for drive in series_of(kind, count):
-        lines.append(line(drive, drive=f"{prefix}{drive.drive}"))
+        lines.append(line(drive, drive=f"{prefix}{drive.name}"))
         lines[-1]["stamp"] = drive.stamp if has_stamps else None
     lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "topics": ["overlap"], "exit_code": 3}
     page = folder / "fleet.html"
-    found = invoke("fleet", write_summary(folder / "batch", lines), "--report", page)
-    assert found.exit_code in (0, 3), found.output
+    result = invoke("fleet", write_summary(folder / "batch", lines), "--report", page)
+    assert result.exit_code in (0, 3), result.output
     return page
 
 
@@ -80,7 +80,7 @@ def test_a_fleet_is_read_without_trouble(
     # Each change is a line in each drawing.
     assert len(browser.find_elements(By.CSS_SELECTOR, "figure g.change")) == (6 if kind == "change" else 0)
     if kind == "change":
-        labels = [each.text for each in browser.find_elements(By.CSS_SELECTOR, "figure .name text")]
+        labels = [element.text for element in browser.find_elements(By.CSS_SELECTOR, "figure .name text")]
         # A short name, or else the number of the drive, one of which is left out.
         name = "015" if prefix == "drives/" else "15"
         sizes = [float(label.removeprefix(f"{name}: ")) for label in labels if label.startswith(f"{name}: ")]

@@ -85,11 +85,11 @@ def test_nothing_of_ours_is_added(
     data: LoadedDrive, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No edge band, no removal of hidden points, and no exact mutual information that a pose ascends."""
-    seen: list[dict[str, object]] = []
+    seen: list[tuple[object, object]] = []
     anchored = core.AnchoredPoints
 
     def spy(*arguments: object, **settings: object) -> core.AnchoredPoints:
-        seen.append(settings)
+        seen.append((arguments[0], settings["visible_only"]))
         return anchored(*arguments, **settings)  # type: ignore[arg-type]
 
     def forbidden(*_: object, **__: object) -> None:
@@ -101,7 +101,7 @@ def test_nothing_of_ours_is_added(
     few = PaperConfig(mine=replace(PaperConfig().mine, steps_per_level=4, warm_up_steps=4))
     calibrate_as_published(data, RAW, few)
     assert len(seen) > 4
-    assert {(each["edge_band_px"], each["visible_only"]) for each in seen} == {(0, False)}
+    assert {*seen} == {(data.observations.without_edge_band.core, False)}
 
 
 def test_isolated_pixels_stay(data: LoadedDrive, street: Path) -> None:

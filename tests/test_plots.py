@@ -67,7 +67,7 @@ def test_groups_stand_side_by_side() -> None:
     columns = draw_groups(axes, [[[1.0], [2.0]], [[3.0], []]], {"a": ACCENT, "b": WRONG})
     assert [place for place, _ in columns] == pytest.approx([-0.2, 0.8, 0.2, 1.2])
     points = [(*line.get_xdata(), *line.get_ydata()) for line in axes.lines if len(line.get_xdata()) == 1]
-    assert points == [pytest.approx(each) for each in [(-0.2, 1.0), (0.8, 2.0), (0.2, 3.0)]]
+    assert points == [pytest.approx(point) for point in [(-0.2, 1.0), (0.8, 2.0), (0.2, 3.0)]]
     assert axes.get_legend_handles_labels()[1] == ["a", "b"]
 
 

@@ -8,6 +8,7 @@ import pytest
 from conftest import make_pose
 
 from semcal_cli import core, pipeline
+from semcal_cli.checks.families import check_stages
 from semcal_cli.config import PolishConfig, PyramidConfig, RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.refine.polish import polish_pose, split
@@ -72,7 +73,7 @@ def test_held_out_data_reject_what_only_the_kept_data_like(torn: Observations, s
     config = dataclasses.replace(CONFIG, min_frames=3)
     polished = polish_pose(torn, street_truth, config)
     assert not polished.is_accepted
-    (finding,) = polished.findings
+    (finding,) = check_stages(None, polished, None)
     assert re.match(
         r"the polish was rejected; held-out data agree \d+\.\d standard errors worse after it, needed at most 3: ",
         finding.sentence,
@@ -104,7 +105,7 @@ def test_frames_without_labels_test_no_polish(
     )
     polished = polish_pose(some, street_truth, dataclasses.replace(CONFIG, min_frames=3))
     assert str(polished.held_out.held_out_gain_nats) == "0.0"
-    assert [finding.topic for finding in polished.findings] == ["polish-not-tested"]
+    assert [finding.topic for finding in check_stages(None, polished, None)] == ["polish-not-tested"]
 
 
 def test_threads_do_not_change_a_bit(street_observations: Observations, street_truth: Pose) -> None:

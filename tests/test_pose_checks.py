@@ -6,7 +6,9 @@ from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import core
-from semcal_cli.checks.pose_checks import check_motion, check_pose, compare_seeds
+from semcal_cli.checks.families import check_pose
+from semcal_cli.checks.motion_unstated import check_motion
+from semcal_cli.checks.seeds import compare_seeds
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.observations.observations import Observations

@@ -7,8 +7,9 @@ from conftest import make_pose, poses, triples
 from hypothesis import given, settings
 from scipy.linalg import expm
 
+from semcal_cli.checks.families import check_stages
 from semcal_cli.config import PolishConfig, SensitivityConfig
-from semcal_cli.estimation.adjust.priors import UNSETTLED, Prior, _solve, clamp, fuse_with_priors
+from semcal_cli.estimation.adjust.priors import Prior, _solve, clamp, fuse_with_priors
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.uncertainty.covariance import estimate_uncertainty
 from semcal_cli.estimation.uncertainty.sensitivity import Measurement, Scatter, measure, sensitivity
@@ -83,7 +84,7 @@ def test_axes_that_are_fixed_stay_and_the_others_follow_the_labels(
     np.testing.assert_allclose(residual[[0, 5]], 0.0, atol=1e-7)
     sigmas = np.sqrt(np.diag(fused.uncertainty.covariance))
     np.testing.assert_allclose(sigmas[[0, 5]], 0.0, atol=1e-5)  # along axes turned by a milliradian
-    assert UNSETTLED not in fused.findings
+    assert fused.is_settled
     assert (sigmas[1:5] > 0.0).all()
     # Yaw goes along with the place to the side, as it does in the labels' covariance.
     c = np.array(alone.covariance)
@@ -109,7 +110,7 @@ def test_what_is_hardly_known_leaves_newtons_step_and_its_covariance(
     np.testing.assert_allclose(fused.uncertainty.covariance, alone.covariance, rtol=1e-3, atol=1e-12)
     np.testing.assert_allclose(fused.uncertainty.degrees_of_freedom, alone.degrees_of_freedom, rtol=1e-3)
     np.testing.assert_allclose(fused.label_gain, np.eye(6), atol=1e-3)
-    assert (fused.is_alone, fused.findings) == (True, ())
+    assert (fused.is_alone, check_stages(None, None, fused)) == (True, ())
 
 
 def test_two_equally_good_witnesses_meet_in_the_middle(
@@ -133,7 +134,7 @@ def test_what_contradicts_the_labels_or_itself_is_said(
 ) -> None:
     prior = Prior("--fix ty", nudged(polished, (0.0, 0.2, 0.0)), (np.inf, 0.0, *FREE[:4]))
     fused = fuse_with_priors(street_observations, polished, [prior])
-    (finding,) = fused.findings
+    (finding,) = check_stages(None, None, fused)
     assert re.fullmatch(
         r"--fix ty is 20\.\d cm from the pose that labels alone give, chi-square \d+ with 1 degree of freedom, needed "
         r"at most \d+: measure it again, or give a larger SIGMA",
@@ -142,7 +143,7 @@ def test_what_contradicts_the_labels_or_itself_is_said(
     tape = Prior("tape", nudged(polished, (0.01, 0.0, 0.0)), (0.001, *FREE[:5]))
     exact = Prior("--fix tx", polished, (0.0, *FREE[:5]))
     fused = fuse_with_priors(street_observations, polished, [tape, exact])
-    assert fused.findings[0].sentence.startswith("tape is 1.0 cm from ")
+    assert check_stages(None, None, fused)[0].sentence.startswith("tape is 1.0 cm from ")
 
 
 def test_labels_in_one_corner_leave_the_pose_to_what_is_known(
@@ -173,7 +174,7 @@ def test_labels_that_tell_nothing_leave_all_to_what_is_known(
         plain, polished, [Prior("known", polished, (0.1, 0.1, 0.1, np.inf, np.inf, np.inf))]
     )
     assert fused.uncertainty is None
-    assert UNSETTLED in fused.findings
+    assert not fused.is_settled
 
 
 @pytest.mark.parametrize("num_parts", [6, 7, 8])

@@ -10,7 +10,7 @@ from dataset_trees import TREES, moved, write
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments.published import PUBLISHED, PublishedRow, published_rows
-from semcal_cli.experiments.table import Comparison, describe, markdown
+from semcal_cli.experiments.table import MethodComparison, describe, markdown
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import rotation_error_deg, rotation_vector_deg
@@ -80,13 +80,13 @@ def test_the_paper_stands_beside_the_reference(
     monkeypatch.setitem(PUBLISHED, "street", (row,))
     drive = read_drive(street)
     poses = {"reference": street_truth, "start": street_truth}
-    found = Comparison(drive, load_observations(drive), poses, published_rows(street_truth))
-    rows = describe(found)
+    comparison = MethodComparison(drive, load_observations(drive), poses, published_rows(street_truth))
+    rows = describe(comparison)
     assert [row.method for row in rows] == ["reference", "reference, published", "start"]
     assert rows[1].cells[:2] == rows[0].cells[:2]
     assert 0.0 < rows[1].camera_center_error_cm < 1.0
     assert rows[1].mutual_information_nats == pytest.approx(rows[0].mutual_information_nats, rel=0.05)
     assert rows[1].mutual_information_nats != rows[0].mutual_information_nats
-    table = markdown(found, rows)
+    table = markdown(comparison, rows)
     assert table.splitlines()[3].startswith("| reference, published | ")
     assert "\nReference, published: that of the street.\n" in table

@@ -5,6 +5,7 @@ import pytest
 import torch
 from conftest import make_pose
 
+from semcal_cli.checks.settled import check_refinement
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
 from semcal_cli.config.mine_config import MineConfig
 from semcal_cli.drive.camera import Camera
@@ -78,7 +79,7 @@ def test_a_pose_that_still_moves_has_not_settled(
         )
     refinement = refine_pose(street_observations, BAD_START @ street_truth, optimizer, PyramidConfig())
     assert not refinement.converged
-    (finding,) = refinement.findings
+    (finding,) = check_refinement(refinement)
     assert finding.sentence.startswith("the refinement had not settled; the pose still moved points by ")
 
 

@@ -6,12 +6,16 @@ from functools import partial
 import click
 import pytest
 
+from semcal_cli.checks.focal_length import WRONG_FOCAL_LENGTH
+from semcal_cli.checks.registry import CHECKS
+from semcal_cli.checks.wrong_clocks import WRONG_CLOCKS
+from semcal_cli.checks.wrong_intrinsics import WRONG_INTRINSICS
 from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.findings.check import CHECKS, WRONG_CLOCKS, WRONG_FOCAL_LENGTH, WRONG_INTRINSICS, Check
+from semcal_cli.findings.check import Check
 from semcal_cli.formats import read_transform
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import assess, refine_and_polish, start_at

@@ -110,24 +110,26 @@ def test_the_page_says_where_its_figures_are_not_those_of_the_calibration(
 
 def test_a_verdict_is_not_carried_to_other_data(made: Path, street: Path) -> None:
     drive = read_drive(street)
-    given = drive.camera.K
+    K_drive = drive.camera.K
     K = ((300.0, 0.0, 319.5), (0.0, 300.0, 179.5), (0.0, 0.0, 1.0))
     other = drive.model_copy(update={"camera": drive.camera.model_copy(update={"K": K})})
     report = read_report_input(other, made / "c.yaml")
     assert report.record is not None
     assert report.record.status == "trusted"
     assert verdict(report).title == "Not assessed here"
-    figures = f"fx 300 ({made / 'c.yaml'}: {given[0][0]:.6g}), fy 300 ({made / 'c.yaml'}: {given[1][1]:.6g})"
+    figures = (
+        f"fx 300 ({made / 'c.yaml'}: {K_drive[0][0]:.6g}), fy 300 ({made / 'c.yaml'}: {K_drive[1][1]:.6g})"
+    )
     assert report.notices == (f"The camera is that of {drive.path}: {figures}.",)
 
 
 def test_frames_that_are_listed_again_are_read_once(made: Path, street: Path) -> None:
     drive = read_drive(street)
     again = drive.model_copy(update={"frames": drive.frames * 100})
-    found = read_report_input(again, made / "c.yaml")
-    assert found.drive.frames == drive.frames
-    assert found.is_of_record
-    assert found.notices == ()
+    report_input = read_report_input(again, made / "c.yaml")
+    assert report_input.drive.frames == drive.frames
+    assert report_input.is_of_record
+    assert report_input.notices == ()
 
 
 def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
@@ -142,13 +144,13 @@ def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
 
 def test_classes_add_up_to_all(report: ReportInput) -> None:
     agreement = core.agreement(report.observations.core, report.T_camera_lidar)
-    found = class_agreements(report.observations, agreement, agreement)
-    assert sum(each.share for each in found) == pytest.approx(1.0)
-    assert sum(each.nats for each in found) == pytest.approx(agreement.mutual_information)
-    assert sum(each.share * each.agreeing for each in found) == pytest.approx(agreement.label_agreement)
-    assert all(each.agreeing == each.agreeing_before for each in found)
-    assert {each.lands_on[0][0] for each in found if each.share > 0.05} == {
-        each.name for each in found if each.share > 0.05
+    agreements = class_agreements(report.observations, agreement, agreement)
+    assert sum(row.share for row in agreements) == pytest.approx(1.0)
+    assert sum(row.nats for row in agreements) == pytest.approx(agreement.mutual_information)
+    assert sum(row.share * row.agreeing for row in agreements) == pytest.approx(agreement.label_agreement)
+    assert all(row.agreeing == row.agreeing_before for row in agreements)
+    assert {row.lands_on[0][0] for row in agreements if row.share > 0.05} == {
+        row.name for row in agreements if row.share > 0.05
     }
 
 
@@ -178,8 +180,8 @@ def test_curves_are_those_of_the_camera_moved_along_its_axes(report: ReportInput
 
 
 def test_notations_are_one_transform() -> None:
-    found = {(each.name, each.meaning.split(",")[0]): each.text for each in notations(T_ANY)}
-    values = {key: np.array(text.split(), float) for key, text in found.items()}
+    texts = {(notation.name, notation.meaning.split(",")[0]): notation.text for notation in notations(T_ANY)}
+    values = {key: np.array(text.split(), float) for key, text in texts.items()}
     R, t = Rotation.from_matrix(T_ANY[:3, :3]), T_ANY[:3, 3]
     close = {"atol": 2e-9}
     by_name = {name: value for (name, _), value in values.items()}
@@ -309,8 +311,8 @@ def test_a_page_states_no_interval_that_is_not_believed(made: Path, street: Path
     assert record.believed_uncertainty == record.uncertainty
     doubted = record.model_copy(update={"status": "not_trusted", "reasons": ("why",), "topics": ("rivals",)})
     pages = []
-    for each in (record, doubted):
-        write_calibration(each, tmp_path / "c.yaml")
+    for calibration in (record, doubted):
+        write_calibration(calibration, tmp_path / "c.yaml")
         pages.append(page_of(street, tmp_path / "c.yaml", tmp_path))
     assert read_calibration(tmp_path / "c.yaml").uncertainty == record.uncertainty
     shown = ("(95 %)", "pixels at 10 m", "two standard errors:", 'class="band"', "1 pixel and fx and fy")

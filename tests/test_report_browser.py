@@ -107,9 +107,9 @@ def test_points_are_drawn_where_the_transform_puts_them(
     scale = image.shape[1] / drive.camera.width
     nearest = np.flatnonzero(~seen.is_hidden)[-300:]
     u, v = np.floor((seen.positions[nearest] + 0.5).T * scale).astype(int)
-    found = image[np.minimum(v, len(image) - 1), u, :3]
+    colors = image[np.minimum(v, len(image) - 1), u, :3]
     expected = level_colors(depth_levels(seen.ranges_m[nearest]))[:, ::-1].astype(int)
-    assert (np.abs(found - expected).max(axis=1) <= 8).mean() > 0.95
+    assert (np.abs(colors - expected).max(axis=1) <= 8).mean() > 0.95
 
 
 def turned_off(made: Path, folder: Path, turn_deg: float) -> Path:
@@ -168,7 +168,7 @@ def test_the_page_of_a_verification(
 def agreements(browser: webdriver.Chrome) -> list[float]:
     """Shares, in per cent, in the strip of the first image, at each pose."""
     shares = browser.find_elements(By.CSS_SELECTOR, "#first .look .shares > span")
-    return [float(re.findall(r"[\d.]+", each.text)[0]) for each in shares]
+    return [float(re.findall(r"[\d.]+", element.text)[0]) for element in shares]
 
 
 def test_the_copy_button_copies(page: webdriver.Chrome, made: Path) -> None:

@@ -43,22 +43,22 @@ def by_cues(made: Path, folder: Path, *cues: CueName) -> Path:
 def test_what_is_shown_is_what_the_pose_was_refined_by(
     made: Path, street: Path, tmp_path: Path, cues: tuple[CueName, ...], by: str
 ) -> None:
-    found = read_report_input(read_drive(street), by_cues(made, tmp_path, *cues))
-    overlays = found.overlays(2)
+    report_input = read_report_input(read_drive(street), by_cues(made, tmp_path, *cues))
+    overlays = report_input.overlays(2)
     assert overlays.by == by
     assert len(overlays.poses) == 2
-    assert ("range step 3" in found.observations.point_class_names) == (by == "edge")
+    assert ("range step 3" in report_input.observations.point_class_names) == (by == "edge")
 
 
 def test_a_page_of_edges_shows_them_on_those_of_the_image(made: Path, street: Path, tmp_path: Path) -> None:
     file = by_cues(made, tmp_path, "segments", "edges")
-    page, found = page_of(street, file, tmp_path), read_report_input(read_drive(street), file)
+    page, report_input = page_of(street, file, tmp_path), read_report_input(read_drive(street), file)
     assert '<input type="radio" name="colors" value="edge" checked>' in page
     assert 'name="colors" value="class"' not in page
     assert page.count('class="image edges"') == 4
     assert 'id="worst"' not in page
     assert "<dt>edges agree</dt>" in page
-    shown = make_images(found.overlays(1)).best
+    shown = make_images(report_input.overlays(1)).best
     image = np.array(PIL.Image.open(io.BytesIO(base64.b64decode(shown.uri.split(",")[1])))).astype(int)
     assert np.abs(image - image.mean(axis=2, keepdims=True)).max() < 3.0  # grey, but for the encoder
 
@@ -66,19 +66,19 @@ def test_a_page_of_edges_shows_them_on_those_of_the_image(made: Path, street: Pa
 def test_points_without_an_edge_have_no_colour_and_make_room_for_the_others(
     made: Path, street: Path, tmp_path: Path
 ) -> None:
-    found = read_report_input(read_drive(street), by_cues(made, tmp_path, "edges"))
-    observations = found.observations
+    report_input = read_report_input(read_drive(street), by_cues(made, tmp_path, "edges"))
+    observations = report_input.observations
     table = page_colors(observations, np.zeros(0, np.uint8)).tables["edge"]
     assert table[NO_EDGE] is None
     assert all(color is not None for color in table[NO_EDGE + 1 :])
-    points = frame_points(list(found.overlays(1).views.values()), 0, np.ones((7, 8), bool))
+    points = frame_points(list(report_input.overlays(1).views.values()), 0, np.ones((7, 8), bool))
     num_edges = int(((points.classes != NO_EDGE) & (points.classes != NO_CLASS)).sum())
     assert 100 < num_edges < len(points.classes) < MAX_POINTS
-    few = points.thinned(num_edges + 10)
+    few = points.thin(num_edges + 10)
     assert len(few.classes) == num_edges + 10
     assert int(((few.classes != NO_EDGE) & (few.classes != NO_CLASS)).sum()) == num_edges
     np.testing.assert_array_equal(few.indices, points.indices[np.isin(points.indices, few.indices)])
-    assert len(points.thinned(50).classes) == 50
+    assert len(points.thin(50).classes) == 50
 
 
 def test_what_edges_gained_is_in_nats(made: Path, tmp_path: Path) -> None:

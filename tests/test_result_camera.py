@@ -69,7 +69,7 @@ def said(right: Camera, file: Path) -> str:
     return f"camera           that of {file}: {figures}\n"
 
 
-def told(found: Result) -> str:
+def unwrapped_errors(found: Result) -> str:
     return unwrapped(found.stderr, INDENT)
 
 
@@ -80,7 +80,7 @@ def test_verify_uses_the_camera_of_the_result(
     page = tmp_path / "v.html"
     found = invoke("verify", wrong_drive, file, "--report", page)
     assert found.exit_code == PASS, found.output
-    assert said(right, file) in told(found)
+    assert said(right, file) in unwrapped_errors(found)
     assert f"The camera is that of {file}, estimated together with the transform." in page.read_text()
     assert invoke("verify", wrong_drive, file, "-q").stderr == ""
     assert invoke("verify", wrong_drive, made / "c.yaml", "-q").exit_code in (FAIL, INCONCLUSIVE)
@@ -103,7 +103,7 @@ def test_overlays_are_those_of_the_right_camera(
 ) -> None:
     found = invoke("overlay", wrong_drive, file, "-o", tmp_path / "with", "--max-frames", 1)
     assert found.exit_code == 0, found.output
-    assert told(found).startswith(said(right, file))
+    assert unwrapped_errors(found).startswith(said(right, file))
     shutil.copy(made / "c.yaml", file)  # its name stands on the images
     invoke("overlay", wrong_drive, file, "-o", tmp_path / "wrong", "--max-frames", 1)
     with_K(wrong_drive, right.K)
@@ -121,7 +121,7 @@ def test_the_page_shows_the_found_camera(
     assert not any("camera" in notice for notice in report.notices)
     page = tmp_path / "r.html"
     found = invoke("report", wrong_drive, file, "-o", page)
-    assert said(right, file) in told(found)
+    assert said(right, file) in unwrapped_errors(found)
     text = page.read_text()
     assert "kept: held-out data gain 0.0123 \u00b1 0.0010 nats." in text
     fx = right.K[0][0]
@@ -158,7 +158,7 @@ def test_a_pose_that_is_shown_beside_another_one_has_its_own_camera(
             "overlay", wrong_drive, file, "--against", beside, "-o", tmp_path / "o", "--max-frames", 1
         )
         assert found.exit_code == 0, found.output
-        assert (said(right, beside) in told(found)) == (source == file)
+        assert (said(right, beside) in unwrapped_errors(found)) == (source == file)
         images.append(cv2.imread(str(tmp_path / "o" / "000000.png")))
     given, estimated = images
     half = given.shape[1] // 2
@@ -215,7 +215,7 @@ def test_a_transform_of_another_camera_is_said_to_be_one(
     line, page = f"camera           that of {file}: {figures}\n", tmp_path / "page.html"
     for command in (("overlay", "-o", tmp_path / "o"), ("verify", "--report", page), ("report", "-o", page)):
         found = invoke(command[0], wrong_drive, plain, *command[1:])
-        assert line in told(found)
+        assert line in unwrapped_errors(found)
         if page in command:
             assert f"The camera is that of {file}: {figures}." in page.read_text()
 
@@ -226,7 +226,7 @@ def test_a_page_says_whose_camera_is_that_of_the_other_transform(
     other = tmp_path / "b.yaml"
     shutil.copy(made / "c.yaml", other)
     found = invoke("report", wrong_drive, other, "--against", file, "-o", tmp_path / "r.html")
-    assert said(right, file) in told(found)
+    assert said(right, file) in unwrapped_errors(found)
     notice = said(right, file).removeprefix("camera").strip()
     assert f"In the images of {file}, the camera is {notice}." in (tmp_path / "r.html").read_text()
 
@@ -287,7 +287,7 @@ def test_export_uses_it_for_the_poses_that_belong_to_it(
     monkeypatch.setattr(rerun_file, "_log_camera", lambda _, name, __, camera: drawn.update({name: camera}))
     found = invoke("export", "rerun", wrong_drive, file, "-o", tmp_path / "a.rrd", "--max-frames", 1)
     assert found.exit_code == 0, found.output
-    assert told(found).startswith(said(right, file))
+    assert unwrapped_errors(found).startswith(said(right, file))
     assert {"reference", "hypothesis_0", "stage_initial", "stage_polished"} < {*drawn}
     assert drawn.pop("result") == right
     assert {camera.K for camera in drawn.values()} == {spoiled(right).K}
@@ -354,7 +354,7 @@ def test_view_uses_it(wrong_drive: Path, file: Path, right: Camera, monkeypatch:
     monkeypatch.setattr(sys.modules["semcal_cli.cli.view"], "_session", stop)
     found = invoke("view", wrong_drive, file)
     assert isinstance(found.exception, KeyError)
-    assert told(found).startswith(said(right, file))
+    assert unwrapped_errors(found).startswith(said(right, file))
     invoke("view", wrong_drive)
     (camera, T_start), (own, nothing) = seen
     np.testing.assert_array_equal(T_start, read_calibration(file).pose)

@@ -49,14 +49,14 @@ def run(*arguments: object) -> Result:
     return invoke("calibrate", *arguments)
 
 
-def with_pose(found: CalibrationDocument, T: Pose, covariance: np.ndarray) -> CalibrationDocument:
+def with_pose(calibration: CalibrationDocument, T: Pose, covariance: np.ndarray) -> CalibrationDocument:
     """The same for another pose, as sure as that."""
-    assert found.uncertainty is not None
-    of_xi = found.uncertainty.model_copy(update={"covariance": covariance.tolist()})
-    return found.model_copy(update={"rows_camera_lidar": T.tolist(), "uncertainty": of_xi})
+    assert calibration.uncertainty is not None
+    of_xi = calibration.uncertainty.model_copy(update={"covariance": covariance.tolist()})
+    return calibration.model_copy(update={"rows_camera_lidar": T.tolist(), "uncertainty": of_xi})
 
 
-def copied(rig: Path, out: Path, names: dict[str, str]) -> Path:
+def copy_rig(rig: Path, out: Path, names: dict[str, str]) -> Path:
     """Write a rig whose cameras, by name, are copies of cameras of another rig."""
     for name, source in names.items():
         shutil.copytree(rig.parent / source, out / name)
@@ -81,15 +81,17 @@ def test_the_covariance_of_a_pair_is_that_of_its_scatter(rig_results: tuple[Resu
     pair = make_pair("a", a, "b", b)
     draws = [rng.multivariate_normal(np.zeros(6), covariance, 20_000) for covariance in covariances]
     T_a, T_b = (exp(xi) @ T for xi, T in zip(draws, poses, strict=True))
-    found = twist(T_a @ np.linalg.inv(T_b) @ inverse(pair.T_a_b))
+    errors = twist(T_a @ np.linalg.inv(T_b) @ inverse(pair.T_a_b))
     assert pair.uncertainty is not None
     covariance = np.array(pair.uncertainty.covariance)
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    assert np.cov(found.T) / scale == pytest.approx(covariance / scale, abs=0.03)
+    assert np.cov(errors.T) / scale == pytest.approx(covariance / scale, abs=0.03)
     # Known no better than either camera alone would tell, and no worse than by both.
-    known = [dof for each in cameras if each.uncertainty for dof in each.uncertainty.degrees_of_freedom]
+    degrees = [
+        dof for camera in cameras if camera.uncertainty for dof in camera.uncertainty.degrees_of_freedom
+    ]
     of_pair = np.array(pair.uncertainty.degrees_of_freedom)
-    assert ((min(known) <= of_pair) & (of_pair <= sum(known))).all()
+    assert ((min(degrees) <= of_pair) & (of_pair <= sum(degrees))).all()
 
 
 def test_a_pair_is_compared_with_its_reference(rig_results: tuple[Result, Path]) -> None:
@@ -140,12 +142,12 @@ def test_each_sweep_is_read_once(rig: Path, tmp_path: Path, monkeypatch: pytest.
         return original(files, max_points)
 
     monkeypatch.setattr(point_clouds, "read_point_clouds", counting)
-    found = run(rig, "-o", tmp_path / "out", "--no-polish", "--max-frames", "2")
-    assert found.exit_code in (0, 3), found.output
+    result = run(rig, "-o", tmp_path / "out", "--no-polish", "--max-frames", "2")
+    assert result.exit_code in (0, 3), result.output
     assert 2 <= len(read) == len({points.resolve() for points, _ in read}) <= SMALL.num_frames
     document = read_document(tmp_path / "out/rig_calibration.yaml")
     assert document["num_sweeps"] == len(read)
-    assert f"{len(read)} for 4 frames" in found.stderr
+    assert f"{len(read)} for 4 frames" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -164,9 +166,9 @@ def test_a_rig_is_known_by_its_content(text: str, tmp_path: Path) -> None:
 
 
 def test_other_commands_want_the_drive_of_one_camera(rig: Path, tmp_path: Path) -> None:
-    for given in (rig, rig.parent):
-        found = invoke("verify", given, rig.parent / "camera_0")
-        assert str(found.exception) == (
+    for path in (rig, rig.parent):
+        result = invoke("verify", path, rig.parent / "camera_0")
+        assert str(result.exception) == (
             f"{rig}: found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, needed the "
             "drive of one of its cameras"
         )
@@ -186,11 +188,11 @@ def test_cameras_of_a_synthetic_rig_err_in_places_of_their_own(tmp_path: Path) -
 
 
 def test_a_camera_that_fails_stops_no_other(rig: Path, tmp_path: Path) -> None:
-    copied(rig, tmp_path, dict(zip(NAMES, NAMES, strict=True)))
+    copy_rig(rig, tmp_path, dict(zip(NAMES, NAMES, strict=True)))
     shutil.rmtree(tmp_path / "camera_0/image_labels")
-    found = run(tmp_path, "-o", tmp_path / "out", "--no-polish")  # the folder of a rig.yaml
-    assert isinstance(found.exception, CalibrationError)
-    assert str(found.exception).startswith("1 of 2 cameras failed; camera_0: ")
+    result = run(tmp_path, "-o", tmp_path / "out", "--no-polish")  # the folder of a rig.yaml
+    assert isinstance(result.exception, CalibrationError)
+    assert str(result.exception).startswith("1 of 2 cameras failed; camera_0: ")
     document = read_document(tmp_path / "out/rig_calibration.yaml")
     assert document["status"] == document["cameras"]["camera_0"]["status"] == "failed"
     assert document["cameras"]["camera_1"]["status"] == "not_assessed"
@@ -243,9 +245,9 @@ IDENTITY = np.eye(4).tolist()
 def test_mistakes_are_named(rig: Path, changes: dict, complaint: str, tmp_path: Path) -> None:
     path = rig.with_name("wrong.yaml")
     path.write_text(json.dumps(yaml.safe_load(rig.read_text()) | changes))
-    found = run(path, "-o", tmp_path / "out")
-    assert isinstance(found.exception, InputError), found.output
-    assert complaint in str(found.exception)
+    result = run(path, "-o", tmp_path / "out")
+    assert isinstance(result.exception, InputError), result.output
+    assert complaint in str(result.exception)
     assert not (tmp_path / "out").exists()
 
 
@@ -257,10 +259,10 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
         ["--json"],
         ["--image-model", "m"],
     ):
-        found = run(rig, *(["-o", tmp_path] if options else []), *options)
-        assert found.exit_code == 2
-        named = f"Error: {options[0]} is for one camera, but {rig} is a rig." if options else "Error: -o: "
-        assert named in found.output
+        result = run(rig, *(["-o", tmp_path] if options else []), *options)
+        assert result.exit_code == 2
+        message = f"Error: {options[0]} is for one camera, but {rig} is a rig." if options else "Error: -o: "
+        assert message in result.output
     assert "needed a folder" in str(run(rig, "-o", tmp_path / "out.yaml").exception)
     # Results would replace a drive of the rig.
     for name in NAMES:
@@ -271,7 +273,7 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
 
 
 def test_drives_of_another_lidar_are_no_rig(rig: Path, tmp_path: Path) -> None:
-    path = copied(rig, tmp_path, dict(zip(NAMES, NAMES, strict=True)))
+    path = copy_rig(rig, tmp_path, dict(zip(NAMES, NAMES, strict=True)))
     drive = tmp_path / "camera_1/drive.yaml"
     drive.write_text(drive.read_text().replace("channels: 32", "channels: 64"))
     complaint = (
@@ -306,7 +308,7 @@ def test_cameras_that_share_no_clouds_are_no_rig(tmp_path: Path) -> None:
 
 def test_copies_of_a_cloud_are_one_cloud(rig: Path, tmp_path: Path) -> None:
     """One cloud of three is enough, and it may have another name."""
-    path = copied(rig, tmp_path, {"front": "camera_0", "rear": "camera_0"})
+    path = copy_rig(rig, tmp_path, {"front": "camera_0", "rear": "camera_0"})
     cloud = tmp_path / "rear/points/000001.bin"
     for other in (0, 2):
         altered = np.fromfile(cloud.with_name(f"00000{other}.bin"), np.float32)[:-4] + 0.01
@@ -322,7 +324,7 @@ def test_copies_of_a_cloud_are_one_cloud(rig: Path, tmp_path: Path) -> None:
 
 def test_a_camera_may_be_connected_through_another(rig: Path, tmp_path: Path) -> None:
     names = dict.fromkeys(("a", "b", "c"), "camera_0")
-    path = copied(rig, tmp_path, names)
+    path = copy_rig(rig, tmp_path, names)
     for name, frames in (("a", (0, 1)), ("b", (2,)), ("c", (1, 2))):
         drive = tmp_path / name / "drive.yaml"
         document = yaml.safe_load(drive.read_text())
@@ -333,6 +335,6 @@ def test_a_camera_may_be_connected_through_another(rig: Path, tmp_path: Path) ->
 
 
 def test_clouds_that_are_missing_are_left_to_their_own_camera(rig: Path, tmp_path: Path) -> None:
-    path = copied(rig, tmp_path, {"front": "camera_0", "rear": "camera_0"})
+    path = copy_rig(rig, tmp_path, {"front": "camera_0", "rear": "camera_0"})
     shutil.rmtree(tmp_path / "rear/points")
     assert list(read_rig(path).read_drives()) == ["front", "rear"]

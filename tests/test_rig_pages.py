@@ -28,7 +28,7 @@ Results = tuple[Result, Path]
 CAPTION_PX = 20
 
 
-def copied(results: Results, out: Path) -> Path:
+def copy_results(results: Results, out: Path) -> Path:
     """Copy the results of a rig, to be broken."""
     return Path(shutil.copytree(results[1], out))
 
@@ -36,10 +36,10 @@ def copied(results: Results, out: Path) -> Path:
 def test_the_page_of_a_rig(rig: Path, rig_results: Results, tmp_path: Path) -> None:
     """The same bytes from the folder, from its document, and beside the calibration."""
     pages = []
-    for given, result in ((rig, rig_results[1]), (rig.parent, rig_results[1] / "rig_calibration.yaml")):
+    for rig_path, result in ((rig, rig_results[1]), (rig.parent, rig_results[1] / "rig_calibration.yaml")):
         pages.append(tmp_path / f"{len(pages)}.html")
-        found = invoke("report", given, result, "-o", pages[-1])
-        assert found.exit_code == 0, found.output
+        ending = invoke("report", rig_path, result, "-o", pages[-1])
+        assert ending.exit_code == 0, ending.output
     first, second = (page.read_bytes() for page in pages)
     assert first == second == (rig.parents[1] / "rig.html").read_bytes()
     assert len(first) < 5e6
@@ -62,12 +62,12 @@ def test_the_page_of_a_rig(rig: Path, rig_results: Results, tmp_path: Path) -> N
 
 
 def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
-    found, drives, _ = read_rig_files(read_rig(rig), rig_results[1])
+    calibration, drives, _ = read_rig_files(read_rig(rig), rig_results[1])
     reasons = {"reasons": ("few < many",), "topics": ("overlap",)}
-    doubted = found.cameras["camera_1"].model_copy(update={"status": "not_trusted", **reasons})
+    doubted = calibration.cameras["camera_1"].model_copy(update={"status": "not_trusted", **reasons})
     sound = {"status": "trusted", "reasons": (), "topics": ()}
-    trusted = found.cameras["camera_0"].model_copy(update=sound)
-    pairs = tuple(replace(pair, is_doubted=True) for pair in found.pairs)
+    trusted = calibration.cameras["camera_0"].model_copy(update=sound)
+    pairs = tuple(replace(pair, is_doubted=True) for pair in calibration.pairs)
     worse = RigCalibration({"camera_0": trusted, "camera_1": doubted}, {}, pairs, 3)
     verdict = rig_verdict(worse)
     assert (verdict.status, verdict.title) == ("not_trusted", "1 of 2 cameras is not trusted")
@@ -87,16 +87,16 @@ def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
     page = rig_page_html(failed, drives, ("rig", "result"))
     assert page.index("no &lt;labels&gt;") < page.index("</i>camera_0: <span")
     assert "There is no transform." in page
-    good = RigCalibration({"camera_0": trusted, "camera_1": trusted}, {}, found.pairs, 3)
+    good = RigCalibration({"camera_0": trusted, "camera_1": trusted}, {}, calibration.pairs, 3)
     assert rig_verdict(good).sentence == "Both cameras are trusted."
     assert rig_verdict(good).figures.startswith("each is known to +- ")
 
 
 def test_each_camera_has_a_folder_of_images(rig: Path, rig_results: Results, tmp_path: Path) -> None:
-    found = invoke(
+    ending = invoke(
         "overlay", rig, rig_results[1], "-o", tmp_path / "out", "--by", "depth", "--max-frames", "2"
     )
-    assert found.exit_code == 0, found.output
+    assert ending.exit_code == 0, ending.output
     written = sorted(path.relative_to(tmp_path / "out").as_posix() for path in tmp_path.rglob("*.png"))
     assert written == [f"{name}/00000{frame}.png" for name in NAMES for frame in range(2)]
     # The image is that of the camera alone, below its caption.
@@ -105,7 +105,7 @@ def test_each_camera_has_a_folder_of_images(rig: Path, rig_results: Results, tmp
     invoke("overlay", rig.parent / "camera_1", result, "-o", alone, "--by", "depth", "--max-frames", "2")
     images = [read_image(folder / "000001.png") for folder in (tmp_path / "out/camera_1", alone)]
     assert np.array_equal(images[0][CAPTION_PX:], images[1][CAPTION_PX:])
-    assert found.stderr.splitlines()[-1] == str(tmp_path / "out/camera_1/000001.png")
+    assert ending.stderr.splitlines()[-1] == str(tmp_path / "out/camera_1/000001.png")
 
 
 def test_what_is_suspicious_with_any_camera_stands_first(rig: Path, tmp_path: Path) -> None:
@@ -124,14 +124,14 @@ def test_what_is_suspicious_with_any_camera_stands_first(rig: Path, tmp_path: Pa
 
 
 def test_results_that_do_not_belong_to_the_rig(rig: Path, rig_results: Results, tmp_path: Path) -> None:
-    out = copied(rig_results, tmp_path / "out")
+    out = copy_results(rig_results, tmp_path / "out")
     page, file = tmp_path / "p.html", out / "rig_calibration.yaml"
     document = yaml.safe_load(file.read_text())
 
     def complaint(result: Path) -> str:
-        found = invoke("report", rig, result, "-o", page)
-        assert isinstance(found.exception, InputError), found.output
-        return str(found.exception)
+        ending = invoke("report", rig, result, "-o", page)
+        assert isinstance(ending.exception, InputError), ending.output
+        return str(ending.exception)
 
     assert complaint(out / "camera_0.yaml") == (
         f"{out}/camera_0.yaml: found no key semcal_rig_calibration, needed the rig_calibration.yaml that "
@@ -154,14 +154,14 @@ def test_results_that_do_not_belong_to_the_rig(rig: Path, rig_results: Results, 
 def test_usage(rig: Path, rig_results: Results, tmp_path: Path) -> None:
     page = tmp_path / "p.html"
     for command in (("report", page), ("overlay", tmp_path / "out")):
-        found = invoke(
+        result = invoke(
             command[0], rig, rig_results[1], "-o", command[1], "--against", rig.parent / "camera_0"
         )
-        assert found.exit_code == 2
-        assert f"--against is for one camera, but {rig} is a rig." in found.output
+        assert result.exit_code == 2
+        assert f"--against is for one camera, but {rig} is a rig." in result.output
     assert "found suffix '.txt'" in str(
         invoke("report", rig, rig_results[1], "-o", tmp_path / "p.txt").exception
     )
-    found = invoke("calibrate", rig, "-o", tmp_path / "out", "--report", tmp_path / "p.txt")
-    assert "found suffix '.txt'" in str(found.exception)
+    result = invoke("calibrate", rig, "-o", tmp_path / "out", "--report", tmp_path / "p.txt")
+    assert "found suffix '.txt'" in str(result.exception)
     assert not (tmp_path / "out").exists()

@@ -11,11 +11,19 @@ from commands import invoke
 from conftest import FINE_STREET, edited
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.experiments import rivals, table
+from semcal_cli.experiments import pairs_and_noise, table
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.methods import METHODS
+from semcal_cli.experiments.pairs_and_noise import (
+    EXPERIMENTS,
+    ComparisonSetting,
+    MethodError,
+    cases,
+    complete,
+    report,
+    run,
+)
 from semcal_cli.experiments.plots import plot_png
-from semcal_cli.experiments.rivals import EXPERIMENTS, Result, Setting, cases, complete, report, run
 from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import mounting_rpy_deg, pose_from_mounting
@@ -30,9 +38,9 @@ good, and that of semcal is among them."""
 
 
 def run_table(drive: Path, out: Path, *arguments: object) -> str:
-    found = invoke("experiment", "table", drive, "-o", out, *arguments)
-    assert found.exit_code == 0, found.output
-    return found.stdout
+    result = invoke("experiment", "table", drive, "-o", out, *arguments)
+    assert result.exit_code == 0, result.output
+    return result.stdout
 
 
 def read_rows(folder: Path) -> dict[str, dict[str, str]]:
@@ -86,7 +94,7 @@ def test_every_method_on_a_real_frame(rellis3d: Path, tmp_path: Path) -> None:
     ("has_intensity", "methods"),
     [
         (True, ("semcal", "SOIC", "PMI")),
-        (False, ("semcal", "SOIC", *(name for name, each in METHODS.items() if not each.is_by_labels))),
+        (False, ("semcal", "SOIC", *(name for name, method in METHODS.items() if not method.is_by_labels))),
     ],
 )
 def test_methods_need_what_they_see(
@@ -123,9 +131,9 @@ def test_settings_are_those_of_the_paper() -> None:
 
 def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wrong labels harm what looks at labels, of which two run; what does not has one run for both settings."""
-    monkeypatch.setattr(rivals, "SLOW_SETTINGS", ("right",))
+    monkeypatch.setattr(pairs_and_noise, "SLOW_SETTINGS", ("right",))
     harmed = {"semcal", "SOIC"}
-    settings = Setting("right", 3), Setting("wrong", 3, 0.5)
+    settings = ComparisonSetting("right", 3), ComparisonSetting("wrong", 3, 0.5)
     changes = {key: value for key, value in vars(FINE_STREET).items() if key != "seed"}
     pool = Pool(tmp_path / "drives", has_images=True)
     runs = cases(settings, range(15, 16))
@@ -136,8 +144,10 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         *(("wrong", name) for name in in_wrong),
     }
     runs = [case for case in runs if case.setting == "right" or case.method in harmed]
-    found = complete(settings, [each for case in runs for each in run(settings, pool, changes, True, case)])
-    by = {(f.setting, f.method): f for f in found}
+    results = complete(
+        settings, [result for case in runs for result in run(settings, pool, changes, True, case)]
+    )
+    by = {(f.setting, f.method): f for f in results}
     assert {name for setting, name in by if setting == "right"} == {*METHODS}
     assert {name for setting, name in by if setting == "wrong"} == harmed | ({*METHODS} - labelled)
     for method in ("semcal", "SOIC", "paper", "paper, own start", "semcal, MINE and polish"):
@@ -145,14 +155,14 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for method in harmed:
         assert by["wrong", method].rotation_deg > by["right", method].rotation_deg
     assert by["wrong", "PMI"].rotation_deg == by["right", "PMI"].rotation_deg
-    reported = report("noise", True, found)
-    assert reported.table.count("\n") == 2 + len(found)
+    reported = report("noise", True, results)
+    assert reported.table.count("\n") == 2 + len(results)
     assert len(plot_png(reported.draw)) > 1000
     assert reported.facts["start"]["rotation_deg"] == 2.0
 
 
 def test_drives_take_turns_and_slow_methods_run_on_some() -> None:
-    settings = (Setting("10", 10), Setting("20", 20))
+    settings = (ComparisonSetting("10", 10), ComparisonSetting("20", 20))
     runs = cases(settings, range(10, 20))
     assert len(set(runs)) == len(runs)
     assert {case.seed for case in runs[: len(runs) // 3]} == {10, 11, 12, 13}
@@ -162,11 +172,11 @@ def test_drives_take_turns_and_slow_methods_run_on_some() -> None:
 
 def test_what_came_back_counts() -> None:
     findings = [
-        *(Result("10", "semcal", seed, 0.01 * seed, 0.1, 1.0) for seed in range(1, 4)),
-        Result("10", "SOIC", 1, 2.5, 1.0, 1.0),
-        Result("10", "SOIC", 2, 0.1, 25.0, 1.0),
-        Result("10", "SOIC", 3, math.inf, math.inf, 1.0, "no overlap"),
-        Result("10", "SOIC", 4, 0.1, 1.0, 1.0),
+        *(MethodError("10", "semcal", seed, 0.01 * seed, 0.1, 1.0) for seed in range(1, 4)),
+        MethodError("10", "SOIC", 1, 2.5, 1.0, 1.0),
+        MethodError("10", "SOIC", 2, 0.1, 25.0, 1.0),
+        MethodError("10", "SOIC", 3, math.inf, math.inf, 1.0, "no overlap"),
+        MethodError("10", "SOIC", 4, 0.1, 1.0, 1.0),
     ]
     semcal, soic = report("pairs", True, findings[::-1]).rows
     assert (semcal["method"], soic["method"]) == ("semcal", "SOIC")
@@ -179,21 +189,21 @@ def test_a_start_at_which_nothing_is_seen_fails_each_by_itself(street: Path, tmp
     """Straight up, where nothing returns: no method has an answer, and the table says so of each."""
     up = tmp_path / "up.yaml"
     write_transform(pose_from_mounting([0.0, -90.0, 0.0], [0.0, 0.0, 0.0]), up, "semcal")
-    found = invoke("experiment", "table", street, "--init", up, "-o", tmp_path)
+    result = invoke("experiment", "table", street, "--init", up, "-o", tmp_path)
     for name in METHODS:
-        assert (f"| {name} | failed: " in found.stdout) == (name != "paper, own start"), found.output
-    assert "semcal's own verdict: failed." in found.stdout
+        assert (f"| {name} | failed: " in result.stdout) == (name != "paper, own start"), result.output
+    assert "semcal's own verdict: failed." in result.stdout
 
 
 def test_a_frame_that_is_not_there_is_seen_at_once(street: Path, tmp_path: Path) -> None:
-    found = invoke("experiment", "table", street, "--frame", "9", "-o", tmp_path)
-    assert found.exit_code == 1
-    assert "found 4 frames, needed one numbered 9" in str(found.exception)
+    result = invoke("experiment", "table", street, "--frame", "9", "-o", tmp_path)
+    assert result.exit_code == 1
+    assert "found 4 frames, needed one numbered 9" in str(result.exception)
 
 
 def test_the_command_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(EXPERIMENTS, "pairs", (Setting("1", 1),))
-    monkeypatch.setattr(rivals, "METHODS", {name: METHODS[name] for name in ("semcal", "SOIC")})
+    monkeypatch.setitem(EXPERIMENTS, "pairs", (ComparisonSetting("1", 1),))
+    monkeypatch.setattr(pairs_and_noise, "METHODS", {name: METHODS[name] for name in ("semcal", "SOIC")})
     arguments = ["experiment", "pairs", "--seeds", "1", "--first-seed", "16", "-o", tmp_path]
     tables = [invoke(*arguments) for _ in range(2)]
     assert tables[0].exit_code == 0, tables[0].output
@@ -203,9 +213,9 @@ def test_the_command_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(results.read_text().splitlines()) == len(cases(EXPERIMENTS["pairs"], range(16, 17)))
     assert not (tmp_path / "pairs/drives").exists()
     results.write_text("garbage\n")
-    found = invoke(*arguments)
-    assert found.exit_code == 1
-    assert "results.jsonl: line 1: found 'garbage" in str(found.exception)
+    result = invoke(*arguments)
+    assert result.exit_code == 1
+    assert "results.jsonl: line 1: found 'garbage" in str(result.exception)
 
 
 def test_a_table_overwrites_nothing_that_it_reads(street: Path, tmp_path: Path) -> None:
@@ -215,7 +225,7 @@ def test_a_table_overwrites_nothing_that_it_reads(street: Path, tmp_path: Path) 
     write_transform(read_transform(street), reference, "semcal")
     before = reference.read_bytes()
     for option in ("--reference", "--init"):
-        found = invoke("experiment", "table", street, option, reference, "-o", tmp_path)
-        assert found.exit_code == 1
-        assert "found a file that this run reads or writes" in str(found.exception)
+        result = invoke("experiment", "table", street, option, reference, "-o", tmp_path)
+        assert result.exit_code == 1
+        assert "found a file that this run reads or writes" in str(result.exception)
     assert reference.read_bytes() == before

@@ -38,12 +38,12 @@ def test_each_schema_lies_where_its_id_says() -> None:
 def check(path: Path) -> None:
     """Check that a file begins with the address of a schema, that of its first key, and is valid under it."""
     text = path.read_text()
-    found = COMMENT.match(text)
-    assert found is not None, text[:100]
+    match = COMMENT.match(text)
+    assert match is not None, text[:100]
     document = yaml.safe_load(text)
     key, version = next(iter(document.items()))
-    assert found[1] == schema_address(key, version)
-    errors = Draft202012Validator(json.loads(IDS[found[1]].read_text())).iter_errors(document)
+    assert match[1] == schema_address(key, version)
+    errors = Draft202012Validator(json.loads(IDS[match[1]].read_text())).iter_errors(document)
     assert [error.message for error in errors] == []
 
 

@@ -12,8 +12,8 @@ from conftest import edited, make_pose, without
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import core
-from semcal_cli.checks.consistency import check_consistency
-from semcal_cli.checks.rivals import check_rivals
+from semcal_cli.checks.families import check_consistency
+from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.config import CalibrationConfig, CueName, ExactConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError, InputError

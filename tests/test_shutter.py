@@ -10,7 +10,7 @@ import pytest
 from semcal_cli import core
 from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.inspection import inspect
-from semcal_cli.checks.pose_checks import check_shutter, check_unstated
+from semcal_cli.checks.motion_unstated import check_shutter, check_unstated
 from semcal_cli.config import AdjustmentConfig, CalibrationConfig, RefinementConfig
 from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
 from semcal_cli.drive.camera import Camera, core_camera

@@ -51,9 +51,9 @@ def write(folder: Path, architecture: str, names: list[str], processor: dict[str
 def read(path: Path, shape: tuple[int | None, ...], outputs: tuple[str, ...]) -> ImageCard:
     """Read the sidecars of a network of this shape; nothing of it is run."""
     ports = tuple(Port(name, (None,) * 4, "float32") for name in outputs)
-    found = read_sidecars(Network(path, None, (Port("pixel_values", shape, "float32"),), ports))  # type: ignore[arg-type]
-    assert found is not None
-    return found[0]
+    card = read_sidecars(Network(path, None, (Port("pixel_values", shape, "float32"),), ports))  # type: ignore[arg-type]
+    assert card is not None
+    return card[0]
 
 
 OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str, ...], dict[str, Any]]] = {
@@ -203,11 +203,11 @@ OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str
 def test_sidecars_are_a_card(tmp_path: Path, name: str) -> None:
     architecture, names, processor, shape, outputs, expected = OF_ARCHITECTURES[name]
     write(tmp_path, architecture, names, processor)
-    found = read(tmp_path / "net.onnx", shape, outputs)
-    assert {key: getattr(found, key) for key in expected} == expected
-    assert found.layout == "channels_first"
-    assert isinstance(found.classes, dict)
-    assert list(found.classes) == names
+    sidecar_card = read(tmp_path / "net.onnx", shape, outputs)
+    assert {key: getattr(sidecar_card, key) for key in expected} == expected
+    assert sidecar_card.layout == "channels_first"
+    assert isinstance(sidecar_card.classes, dict)
+    assert list(sidecar_card.classes) == names
 
 
 @pytest.mark.parametrize(
@@ -249,21 +249,25 @@ def test_the_shorter_side_is_scaled_as_in_transformers(
     color_network(tmp_path / "net.onnx")
     size = {"shortest_edge": 1024, "longest_edge": long_side}
     write(tmp_path, "MobileViTForSemanticSegmentation", NAMES, preprocessor(size=size))
-    assert image_model(open_network(tmp_path / "net.onnx"), None).card.scaled(image) == expected
+    assert image_model(open_network(tmp_path / "net.onnx"), None).card.scaled_size(image) == expected
 
 
 def test_without_a_preprocessor_the_size_is_that_of_the_config(tmp_path: Path) -> None:
     write(tmp_path, "DPTForSemanticSegmentation", CITYSCAPES, None)
-    found = read(tmp_path / "net.onnx", ANY, LOGITS)
-    assert (found.size, found.scale, found.mean) == ((384, 384), None, None)
+    sidecar_card = read(tmp_path / "net.onnx", ANY, LOGITS)
+    assert (sidecar_card.size, sidecar_card.scale, sidecar_card.mean) == ((384, 384), None, None)
 
 
 def test_a_newer_transformers_writes_one_file_of_all_processors(tmp_path: Path) -> None:
     write(tmp_path, "SegformerForSemanticSegmentation", CITYSCAPES, None)
     of_images = preprocessor(size={"height": 512, "width": 768}, resample=3)
     (tmp_path / "processor_config.json").write_text(json.dumps({"image_processor": of_images}))
-    found = read(tmp_path / "net.onnx", ANY, LOGITS)
-    assert (found.size, found.resample, found.mean) == ((768, 512), "bicubic", tuple(MEAN))
+    sidecar_card = read(tmp_path / "net.onnx", ANY, LOGITS)
+    assert (sidecar_card.size, sidecar_card.resample, sidecar_card.mean) == (
+        (768, 512),
+        "bicubic",
+        tuple(MEAN),
+    )
 
 
 def test_oneformer_is_told_its_task(tmp_path: Path) -> None:
@@ -303,9 +307,9 @@ def test_names_that_mean_nothing_are_ignored_and_equal_names_are_one_class(tmp_p
         ["road", "ego vehicle", "road", "Unlabeled", "sky"],
         None,
     )
-    found = read(tmp_path / "net.onnx", ANY, LOGITS)
-    assert found.classes == {"road": (0, 2), "ego vehicle": (1,), "Unlabeled": (3,), "sky": (4,)}
-    assert found.ignore == (1, 3)
+    sidecar_card = read(tmp_path / "net.onnx", ANY, LOGITS)
+    assert sidecar_card.classes == {"road": (0, 2), "ego vehicle": (1,), "Unlabeled": (3,), "sky": (4,)}
+    assert sidecar_card.ignore == (1, 3)
     write(tmp_path, "SegformerForSemanticSegmentation", ["LABEL_0", "LABEL_1"], None)
     assert read(tmp_path / "net.onnx", ANY, LOGITS).classes is None
 
@@ -360,10 +364,10 @@ def test_a_local_network_is_labelled_by_its_sidecars(tmp_path: Path) -> None:
     labeller = ImageLabeller(model, Camera(model="plumb_bob", width=192, height=128, K=K))
     assert labeller.views.size == (96, 64)
     classes = np.kron(np.random.default_rng(0).integers(0, len(COLORS), (4, 6)), np.ones((32, 32), int))
-    found = labeller.ids(np.ascontiguousarray(COLORS[classes][..., ::-1]))
+    ids = labeller.ids(np.ascontiguousarray(COLORS[classes][..., ::-1]))
     # Scores of half the size are interpolated, so that a border may move by a pixel.
     inner = (
         cv2.erode(np.uint8(cv2.dilate(np.float32(classes), np.ones((3, 3))) == classes), np.ones((3, 3))) > 0
     )
     assert inner.mean() > 0.5
-    assert np.array_equal(found[inner], classes[inner])
+    assert np.array_equal(ids[inner], classes[inner])

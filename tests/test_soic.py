@@ -25,11 +25,11 @@ def soic(street_observations: Observations) -> Soic:
 def test_comes_back_from_two_degrees(soic: Soic, street_truth: Pose) -> None:
     for seed in range(2):
         T_init = displaced(street_truth, 2.0, 0.2, np.random.default_rng(seed))
-        found = soic.minimize(T_init)
-        assert found.converged
-        assert found.cost_px == pytest.approx(soic.cost(found.T_camera_lidar))
-        assert found.cost_px < 0.2 * soic.cost(T_init)
-        error = compare_poses(found.T_camera_lidar, street_truth)
+        minimum = soic.minimize(T_init)
+        assert minimum.converged
+        assert minimum.cost_px == pytest.approx(soic.cost(minimum.T_camera_lidar))
+        assert minimum.cost_px < 0.2 * soic.cost(T_init)
+        error = compare_poses(minimum.T_camera_lidar, street_truth)
         assert error.rotation_deg < 0.5
         assert error.camera_center_cm < 10.0
 
@@ -45,7 +45,7 @@ def test_the_cost_is_the_distance_to_the_pixels_of_the_class(
         LabelledCloud(cloud.points[::200], cloud.classes[::200]) for cloud in street_observations.clouds
     )
     names = [name for name in seen.point_class_names if name in seen.image_class_names]
-    found: dict[str, list[float]] = {}
+    costs: dict[str, list[float]] = {}
     for frame in seen.frame_observations:
         points, ids, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
         pixels = core.project_points(core_camera(seen.camera), points, street_truth).pixels
@@ -56,8 +56,8 @@ def test_the_cost_is_the_distance_to_the_pixels_of_the_class(
                 field = distance_transform_edt(image != of_pixels)
                 blocks = field.reshape(field.shape[0] // block_px, block_px, -1, block_px).mean((1, 3))
                 where = [(v + 0.5) / block_px - 0.5, (u + 0.5) / block_px - 0.5]
-                found.setdefault(name, []).extend(map_coordinates(blocks, where, order=1, mode="nearest"))
-    expected = np.mean([np.mean(of_class) for of_class in found.values() if of_class])
+                costs.setdefault(name, []).extend(map_coordinates(blocks, where, order=1, mode="nearest"))
+    expected = np.mean([np.mean(of_class) for of_class in costs.values() if of_class])
     cost = Soic(seen, SoicConfig(block_px=block_px)).cost(street_truth)
     assert cost == pytest.approx(expected, rel=1e-4)
 
@@ -68,8 +68,8 @@ def test_wrong_labels_leave_no_better_place_unfound(
     """Where the cost is rugged, it is at least no higher than at the truth."""
     wrong = with_wrong_labels(street_observations, 0.1, np.random.default_rng(2))
     soic = Soic(wrong, SoicConfig())
-    found = soic.minimize(displaced(street_truth, 2.0, 0.2, np.random.default_rng(0)))
-    assert found.cost_px < 1.01 * soic.cost(street_truth)
+    minimum = soic.minimize(displaced(street_truth, 2.0, 0.2, np.random.default_rng(0)))
+    assert minimum.cost_px < 1.01 * soic.cost(street_truth)
 
 
 def test_a_pose_at_which_nothing_is_seen_is_an_error(soic: Soic, street_truth: Pose) -> None:

@@ -20,7 +20,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments import drives
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment
+from semcal_cli.experiments.experiment_run import Experiment
 from semcal_cli.geometry.poses import compare_poses
 
 pytestmark = pytest.mark.slow
@@ -187,7 +187,7 @@ def test_users_give_no_more_than_they_know(raw: RawDrive, tmp_path: Path) -> Non
         )
     ):
         (folder := tmp_path / str(number)).mkdir()
-        drive = read_drive(write_raw_drive(spoiled.given(spoiled.KINDS[name], raw), folder))
+        drive = read_drive(write_raw_drive(spoiled.withhold_unstated(spoiled.KINDS[name], raw), folder))
         assert set(drive.frames[0].model_dump(exclude_none=True)) == {"points", *keys}
         assert len([*folder.iterdir()]) == 1 + len(drive.frames) * (1 + len(keys))
         assert (drive.camera.intrinsics_sigma is not None) == has_sigma

@@ -10,7 +10,7 @@ from conftest import edited, run
 
 from semcal_cli import core
 from semcal_cli.api.calls import calibrate
-from semcal_cli.checks.label_alignment import check_leaks
+from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive

@@ -3,9 +3,14 @@ import pytest
 from scipy.stats import chi2, f, t
 
 from semcal_cli import core
+from semcal_cli.checks.wide_interval import check_interval
 from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.estimation.refine.polish import newton
-from semcal_cli.estimation.uncertainty.covariance import bled, estimate_uncertainty, label_bleed, undetermined
+from semcal_cli.estimation.uncertainty.covariance import (
+    estimate_uncertainty,
+    grow_rare_classes,
+    label_bleed,
+)
 from semcal_cli.estimation.uncertainty.sensitivity import MIN_CLASSES, Sensitivity, sensitivity
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import compare_poses
@@ -163,11 +168,11 @@ def test_directions_that_are_hardly_determined_are_named(uncertainty: Uncertaint
 def test_a_pose_that_is_not_determined_to_any_use_is_not_trusted(
     uncertainty: Uncertainty, polished: Pose
 ) -> None:
-    assert undetermined(uncertainty) == ()
+    assert check_interval(uncertainty) == ()
     covariance = np.array(uncertainty.covariance)
     covariance[1, 1], covariance[3, 3] = 2.0**2, np.radians(1.0) ** 2
     vague = Uncertainty.from_covariance(polished, covariance, np.full(6, 1e6))
-    (found,) = undetermined(vague)
+    (found,) = check_interval(vague)
     assert found.sentence == (
         "the interval is too wide, +- 3.92 m up and down, +- 2.0 degrees in pitch (95 %), needed at most 0.25 m and "
         "1 degree: add frames with near and far objects, recorded while driving"
@@ -192,7 +197,7 @@ def test_the_rarer_class_bleeds() -> None:
     image = np.zeros((5, 6), np.uint8)
     image[2, 2], image[0, 5], image[4, 5] = 1, 2, NO_CLASS
     image[3, 3:5] = 2
-    (grown,) = bled([image])
+    (grown,) = grow_rare_classes([image])
     expected = image.copy()
     expected[0, 4] = expected[1, 5] = 2
     expected[2, 3] = expected[2, 4] = expected[4, 3] = expected[4, 4] = expected[3, 2] = expected[3, 5] = 2

@@ -26,7 +26,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.reading import read_clouds
 from semcal_cli.report.view.server import HOST, ViewServer
-from semcal_cli.report.view.session import Placed, Session
+from semcal_cli.report.view.session import MovedPose, Session
 
 ZERO = [0.0] * 6
 
@@ -57,9 +57,9 @@ def request(server: ViewServer, path: str, body: object = None, **headers: str) 
     content = None if body is None else json.dumps(body) if not isinstance(body, str) else body
     connection.request("GET" if body is None else "POST", path, content, headers)
     answer = connection.getresponse()
-    found = answer.status, answer.read()
+    response = answer.status, answer.read()
     connection.close()
-    return found
+    return response
 
 
 def test_only_who_knows_the_word_gets_an_answer(server: ViewServer, T_off: Pose) -> None:
@@ -80,9 +80,9 @@ def test_only_who_knows_the_word_gets_an_answer(server: ViewServer, T_off: Pose)
     "body", ["", "[", "[1]", "null", '{"base": NaN}', "[" * 9000, f'{{"base": {"9" * 4000}}}']
 )
 def test_a_body_that_is_no_question_is_answered_in_one_line(server: ViewServer, body: str) -> None:
-    status, found = request(server, f"/{server.token}/points", body)
+    status, content = request(server, f"/{server.token}/points", body)
     assert status == 400
-    assert "needed" in json.loads(found)["error"]
+    assert "needed" in json.loads(content)["error"]
 
 
 def test_an_image_is_the_frame_s(server: ViewServer, street: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -154,7 +154,7 @@ def test_dragging_a_slider_moves_points(page: webdriver.Chrome, T_off: Pose) -> 
     number = page.find_elements(By.CSS_SELECTOR, ".motion input[type=number]")[4]
     turned_deg = float(number.get_attribute("value") or 0)
     assert abs(turned_deg) > 0.1
-    expected = Placed(T_off, np.array([0.0, 0.0, 0.0, 0.0, turned_deg, 0.0])).T_camera_lidar
+    expected = MovedPose(T_off, np.array([0.0, 0.0, 0.0, 0.0, turned_deg, 0.0])).T_camera_lidar
     wait(page, lambda: np.allclose(pose(page), expected, atol=1e-5))
 
 
@@ -228,9 +228,9 @@ def test_refining_ends_where_calibrate_does(
     arguments = ["calibrate", street, "--init", session.output, "-o", tmp_path / "c.yaml"]
     result = invoke(*arguments)
     assert result.exit_code in (0, 3)
-    found = read_transform(tmp_path / "c.yaml")
+    T = read_transform(tmp_path / "c.yaml")
     wait(page, lambda: not np.allclose(pose(page), before, atol=1e-4))
-    np.testing.assert_allclose(pose(page), found, atol=1e-9)
+    np.testing.assert_allclose(pose(page), T, atol=1e-9)
     page.find_element(By.ID, "back").click()
     wait(page, lambda: np.allclose(pose(page), before, atol=1e-9))
 
@@ -306,8 +306,8 @@ def test_edges_are_drawn_on_edges_and_other_colours_on_the_image(
 def test_the_command_refuses_before_it_serves(
     options: tuple[str, ...], exit_code: int, complaint: str, street: Path, tmp_path: Path
 ) -> None:
-    given = [option.format(tmp=tmp_path, drive=street) for option in options]
-    result = invoke("view", street, *given)
+    arguments = [option.format(tmp=tmp_path, drive=street) for option in options]
+    result = invoke("view", street, *arguments)
     assert result.exit_code == exit_code
     assert complaint in f"{result.output}{result.exception}"
 

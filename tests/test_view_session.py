@@ -14,18 +14,18 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, compare_poses, mounting_rpy_deg, pose_from_mounting
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.reading import load_points, read_clouds
-from semcal_cli.report.view.session import Placed, Session
+from semcal_cli.report.view.session import MovedPose, Session
 
 ZERO = [0.0] * 6
 
 
 def test_offsets_are_along_and_about_the_axes_of_the_camera(street_truth: Pose) -> None:
     """Camera 20 cm forward: the same way as its optical axis. Turned: in place, and by the given angle."""
-    shifted = Placed(street_truth, np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])).T_camera_lidar
+    shifted = MovedPose(street_truth, np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])).T_camera_lidar
     np.testing.assert_allclose(
         camera_center(shifted) - camera_center(street_truth), 0.2 * street_truth[2, :3]
     )
-    turned = Placed(street_truth, np.array([0.0, 0.0, 0.0, 1.0, -2.0, 0.5])).T_camera_lidar
+    turned = MovedPose(street_truth, np.array([0.0, 0.0, 0.0, 1.0, -2.0, 0.5])).T_camera_lidar
     error = compare_poses(turned, street_truth)
     assert error.camera_center_cm == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(error.rotation_xyz_deg, (1.0, -2.0, 0.5), atol=1e-9)
@@ -37,8 +37,8 @@ def test_positive_turns_are_those_that_the_page_names() -> None:
     for axis, (roll, pitch, yaw) in ((3, (0, 1, 0)), (4, (0, 0, 1)), (5, (-1, 0, 0))):
         offsets = np.zeros(6)
         offsets[axis] = 1.0
-        found = mounting_rpy_deg(Placed(T, offsets).T_camera_lidar)
-        np.testing.assert_allclose(found, (roll, pitch, yaw), atol=1e-9)
+        angles_deg = mounting_rpy_deg(MovedPose(T, offsets).T_camera_lidar)
+        np.testing.assert_allclose(angles_deg, (roll, pitch, yaw), atol=1e-9)
 
 
 def test_the_score_is_best_at_the_truth(session: Session, street_truth: Pose, T_off: Pose) -> None:
@@ -97,10 +97,10 @@ def test_a_drive_by_edges_is_shown_by_edge(by_edge: Session, street_truth: Pose)
 
 def test_the_image_of_edges_is_grey_and_that_of_the_frame_is_not(by_edge: Session) -> None:
     shown = [
-        cv2.imdecode(np.frombuffer(by_edge.image(0, by_edge=each), np.uint8), cv2.IMREAD_COLOR).astype(int)
-        for each in (False, True)
+        cv2.imdecode(np.frombuffer(by_edge.image(0, by_edge=image), np.uint8), cv2.IMREAD_COLOR).astype(int)
+        for image in (False, True)
     ]
-    color = [int(np.abs(each - each.mean(axis=2, keepdims=True)).max()) for each in shown]
+    color = [int(np.abs(image - image.mean(axis=2, keepdims=True)).max()) for image in shown]
     assert color[0] > 30
     assert color[1] <= 2
     assert shown[0].shape == shown[1].shape

@@ -11,7 +11,7 @@ use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 
 /// Lower bound of the denominator H - N, nats.
-const LEAST_LEFT: f64 = 0.02;
+const MIN_DENOMINATOR: f64 = 0.02;
 
 /// Contribution of each pair of a joint histogram to the sum over all points.
 ///
@@ -19,8 +19,8 @@ const LEAST_LEFT: f64 = 0.02;
 /// nats. Pairs lighter than `floor` count as if they had that weight.
 ///
 /// With `h = -log p(y)` and `n` null partitions, a point adds `(pmi - S h) / (H - N) + S` by its segment and
-/// `-(1 - S) pmi / (n (H - N))` by each null one. The sum is S. Its derivative with respect to the pair weights is that
-/// of S, as long as the weight of each point is fixed.
+/// `-(1 - S) pmi / (n (H - N))` by each null one. The sum is S. Its derivative with respect to the pair weights is
+/// that of S, as long as the weight of each point is fixed.
 pub fn adjusted(joint: &JointHistogram, observations: &Observations, floor: f64) -> Vec<f64> {
     let width = observations.num_image_classes;
     let mut table = joint.pointwise_in_blocks(observations.num_point_classes, floor);
@@ -44,14 +44,14 @@ pub fn adjusted(joint: &JointHistogram, observations: &Observations, floor: f64)
     let of_classes: Vec<f64> =
         columns.iter().map(|column| total.ln() - column.max(floor).max(f64::MIN_POSITIVE).ln()).collect();
     let entropy = columns.iter().zip(&of_classes).map(|(column, h)| column * h).sum::<f64>() / total;
-    let left = (entropy - of_nulls / total).max(LEAST_LEFT);
-    let score = (of_segments - of_nulls) / total / left;
+    let denominator = (entropy - of_nulls / total).max(MIN_DENOMINATOR);
+    let score = (of_segments - of_nulls) / total / denominator;
     for rows in &frames {
         for values in table[cells(&rows.segments)].chunks_exact_mut(width) {
             let pairs = values.iter_mut().zip(&of_classes);
-            pairs.for_each(|(value, h)| *value = (*value - score * h) / left + score);
+            pairs.for_each(|(value, h)| *value = (*value - score * h) / denominator + score);
         }
-        let by = -(1.0 - score) / (rows.num_nulls as f64 * left);
+        let by = -(1.0 - score) / (rows.num_nulls as f64 * denominator);
         table[cells(&rows.nulls)].iter_mut().for_each(|value| *value *= by);
     }
     table
@@ -61,7 +61,7 @@ pub fn adjusted(joint: &JointHistogram, observations: &Observations, floor: f64)
 mod tests {
     use std::sync::Arc;
 
-    use super::super::scene::segmented;
+    use super::super::test_scene::segmented;
     use super::*;
 
     /// Histogram of a frame in which segments see classes by `seen`, and each null partition by `seen_by_null`.

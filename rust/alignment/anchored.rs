@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3x4, Matrix6, Vector3};
 
-use super::choice::{Chosen, Counted, Mixed, Sample};
 use super::level::Level;
+use super::sample::{Counted, Mixed, Sample};
+use super::selection::Selection;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
@@ -28,16 +29,16 @@ impl Anchored {
     pub fn new(
         observations: Arc<Observations>,
         factor: usize,
-        edge_band_px: usize,
         max_points: usize,
         anchor: &Isometry3<f64>,
         counted: Counted,
         constant_radius: usize,
     ) -> Self {
+        let edge_band_px = observations.edge_band_px;
         let level = Level::new(observations, factor, edge_band_px, max_points);
-        let Chosen { moving: samples, constant } = match constant_radius {
-            0 => Chosen { moving: level.samples(anchor, counted), constant: level.empty_joint() },
-            radius => level.chosen(anchor, counted, radius),
+        let Selection { moving: samples, constant } = match constant_radius {
+            0 => Selection { moving: level.samples(anchor, counted), constant: level.empty_joint() },
+            radius => level.select(anchor, counted, radius),
         };
         let preconditioner = level.preconditioner(&samples, anchor);
         let samples = if preconditioner.is_some() { samples } else { Vec::new() };
@@ -76,7 +77,7 @@ impl Anchored {
         let mut mixed = Vec::new();
         for (sample, (p_camera, pixel)) in samples.into_iter().zip(projected) {
             let Some(pixel) = pixel else { continue };
-            match self.level.under(&sample, &pixel) {
+            match self.level.shares_under(&sample, &pixel) {
                 Sampled::Uniform(class) => uniform.add(sample.class, class, f64::from(sample.weight)),
                 Sampled::Mixed(shares) if shares.total() > 0.0 => {
                     mixed.push(Mixed { sample, p_camera, pixel })
@@ -114,7 +115,7 @@ impl MiniBatch {
         let (of_classes, of_mixed) = shares.split_at_mut(num_y * num_y);
         of_classes.iter_mut().step_by(num_y + 1).for_each(|share| *share = 1.0);
         for (row, Mixed { sample, pixel, .. }) in of_mixed.chunks_exact_mut(num_y).zip(&self.mixed) {
-            self.level.under(sample, pixel).add_to(row, 1.0);
+            self.level.shares_under(sample, pixel).add_to(row, 1.0);
         }
         shares
     }
@@ -140,7 +141,7 @@ impl MiniBatch {
         for (Mixed { sample, p_camera, pixel }, values) in
             self.mixed.iter().zip(gradient[num_y * num_y..].chunks_exact(num_y))
         {
-            if let Sampled::Mixed(shares) = self.level.under(sample, pixel) {
+            if let Sampled::Mixed(shares) = self.level.shares_under(sample, pixel) {
                 let jacobian = self.level.observations.camera.jacobian(p_camera);
                 let force: Vector3<f64> = jacobian.tr_mul(&shares.gradient(values));
                 pulled += force * sample.position.push(1.0).transpose();

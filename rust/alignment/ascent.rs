@@ -2,17 +2,18 @@
 
 use std::sync::Arc;
 
+use geometry::se3;
 use nalgebra::{Isometry3, Vector6};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::choice::{Counted, in_view};
 use super::level::Level;
+use super::sample::Counted;
+use super::selection::in_view;
 use super::variables::within_baseline;
 use crate::observation::Observations;
-use crate::se3;
 
 /// Decay rates of Adam's two moments (Kingma and Ba, arXiv 1412.6980).
 const ADAM_DECAY: (f64, f64) = (0.9, 0.99);
@@ -23,12 +24,10 @@ const MIN_POINTS: usize = 50;
 /// Settings of the ascent: the fields of `AlignmentConfig` in Python, which documents them.
 #[derive(Clone, Copy, Debug)]
 pub struct AlignmentConfig {
-    pub edge_band_px: usize,
     pub steps: usize,
     pub batch_size: usize,
     pub step_size: f64,
     pub final_step: f64,
-    pub max_baseline_m: f64,
     pub max_points: usize,
 }
 
@@ -51,8 +50,8 @@ pub fn ascend(
     config: &AlignmentConfig,
     seed: u64,
 ) -> Ascended {
-    let observations = in_view(observations, &[*start]);
-    let level = Level::new(observations, factor, config.edge_band_px, config.max_points);
+    let level =
+        Level::new(in_view(observations, &[*start]), factor, observations.edge_band_px, config.max_points);
     level.ascend(start, counted, config, seed)
 }
 
@@ -66,11 +65,12 @@ pub fn align(
     config: &AlignmentConfig,
     seed: u64,
 ) -> Vec<(Ascended, f64)> {
-    let level = Level::new(in_view(observations, starts), factor, config.edge_band_px, config.max_points);
+    let level =
+        Level::new(in_view(observations, starts), factor, observations.edge_band_px, config.max_points);
     let align = |start| {
         let end = level.ascend(start, counted, config, seed);
         let samples = level.samples(&end.pose, counted);
-        let joint = level.joint(&samples, &level.at(&end.pose));
+        let joint = level.joint(&samples, &level.projection(&end.pose));
         let information = level.information(&joint) - level.bias(&joint);
         (Ascended { num_points: samples.len(), ..end }, information)
     };
@@ -85,7 +85,8 @@ impl Level {
         config: &AlignmentConfig,
         seed: u64,
     ) -> Ascended {
-        let mut pose = within_baseline(start, config.max_baseline_m);
+        let max_baseline_m = self.observations.max_baseline_m;
+        let mut pose = within_baseline(start, max_baseline_m);
         let mut samples = self.samples(&pose, counted);
         let num_points = samples.len();
         if num_points < MIN_POINTS {
@@ -104,19 +105,19 @@ impl Level {
         let constant = self.empty_joint();
         let mut adam = Adam::default();
         // The path so far in the preconditioner's coordinates, and its sums over the last two quarters.
-        let (mut way, mut sums) = (Vector6::zeros(), [Vector6::zeros(); 2]);
+        let (mut path, mut sums) = (Vector6::zeros(), [Vector6::zeros(); 2]);
         let quarter = config.steps / 4;
         for step in 0..config.steps {
             let Some(batch) = batches.next() else { break };
-            let (_, gradient) = self.joint_and_gradient(batch, &constant, &self.at(&pose));
+            let (_, gradient) = self.joint_and_gradient(batch, &constant, &self.projection(&pose));
             let cosine = 0.5 * (1.0 + (std::f64::consts::PI * step as f64 / config.steps as f64).cos());
             let length = config.step_size * (config.final_step + (1.0 - config.final_step) * cosine);
             let by = adam.step(&preconditioner.tr_mul(&gradient.fixed_rows::<6>(0))) * length;
-            pose = within_baseline(&(se3::exp(&(preconditioner * by)) * pose), config.max_baseline_m);
-            way += by;
+            pose = within_baseline(&(se3::exp(&(preconditioner * by)) * pose), max_baseline_m);
+            path += by;
             match config.steps - step {
-                left if left <= quarter => sums[1] += way,
-                left if left <= 2 * quarter => sums[0] += way,
+                left if left <= quarter => sums[1] += path,
+                left if left <= 2 * quarter => sums[0] += path,
                 _ => {}
             }
         }
@@ -146,25 +147,18 @@ impl Adam {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene::scene;
+    use super::super::test_scene::scene;
     use super::*;
 
-    const CONFIG: AlignmentConfig = AlignmentConfig {
-        edge_band_px: 0,
-        steps: 60,
-        batch_size: 500,
-        step_size: 0.2,
-        final_step: 0.05,
-        max_baseline_m: 1.0,
-        max_points: 10_000,
-    };
+    const CONFIG: AlignmentConfig =
+        AlignmentConfig { steps: 60, batch_size: 500, step_size: 0.2, final_step: 0.05, max_points: 10_000 };
 
     #[test]
     fn the_camera_stays_within_the_baseline() {
-        let observations = scene(0.0);
+        let mut observations = (*scene(0.0)).clone();
+        observations.max_baseline_m = 0.1;
         let start = Isometry3::translation(0.3, 0.0, 0.0);
-        let near = AlignmentConfig { max_baseline_m: 0.1, ..CONFIG };
-        let pose = align(&observations, &[start], 4, Counted::All, &near, 0)[0].0.pose;
+        let pose = align(&Arc::new(observations), &[start], 4, Counted::All, &CONFIG, 0)[0].0.pose;
         assert!(pose.translation.vector.norm() <= 0.1 + 1e-12);
     }
 }

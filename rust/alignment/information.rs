@@ -10,10 +10,11 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-use super::choice::{Counted, Sample, in_view};
 use super::level::Level;
 use super::projection::Projection;
-use crate::agreement::HeldOutGain;
+use super::sample::{Counted, Sample};
+use super::selection::in_view;
+use crate::agreement::InformationGain;
 use crate::observation::Observations;
 
 /// Number of squares across an image, which are taken to be independent.
@@ -33,11 +34,10 @@ pub struct SquareInformation {
 pub fn information(
     observations: &Arc<Observations>,
     pose: &Isometry3<f64>,
-    edge_band_px: usize,
 ) -> BTreeMap<[u32; 3], SquareInformation> {
-    let level = Level::new(in_view(observations, &[*pose]), 1, edge_band_px, usize::MAX);
+    let level = Level::new(in_view(observations, &[*pose]), 1, observations.edge_band_px, usize::MAX);
     let samples = level.samples(pose, Counted::Visible);
-    let at = level.at(pose);
+    let at = level.projection(pose);
     let square_of = square_of(&level, &at);
     let mut squares: BTreeMap<[u32; 3], SquareInformation> = BTreeMap::new();
     for (sample, value) in samples.iter().zip(level.contributions(&samples, &at)) {
@@ -65,25 +65,24 @@ pub fn information_gains(
     observations: &Arc<Observations>,
     before: &Isometry3<f64>,
     after: &[Isometry3<f64>],
-    edge_band_px: usize,
-) -> Vec<HeldOutGain> {
+) -> Vec<InformationGain> {
     let all: Vec<Isometry3<f64>> = after.iter().chain([before]).copied().collect();
-    let level = Level::new(in_view(observations, &all), 1, edge_band_px, usize::MAX);
+    let level = Level::new(in_view(observations, &all), 1, observations.edge_band_px, usize::MAX);
     let samples = level.samples(before, Counted::Visible);
     let total = samples.iter().map(|s| f64::from(s.weight)).sum::<f64>().max(1.0);
-    let here = level.at(before);
+    let here = level.projection(before);
     let squares: Vec<Option<[u32; 3]>> = samples.iter().map(square_of(&level, &here)).collect();
     let at_first = level.contributions(&samples, &here);
     let gain = |pose| {
         let mut gains: BTreeMap<[u32; 3], f64> = BTreeMap::new();
         for (square, (first, there)) in
-            squares.iter().zip(at_first.iter().zip(level.contributions(&samples, &level.at(pose))))
+            squares.iter().zip(at_first.iter().zip(level.contributions(&samples, &level.projection(pose))))
         {
             if let Some(square) = square {
                 *gains.entry(*square).or_default() += (there - first) / total;
             }
         }
-        HeldOutGain::of_parts(gains.into_values().collect())
+        InformationGain::of_parts(gains.into_values().collect())
     };
     after.iter().map(gain).collect()
 }
@@ -95,7 +94,7 @@ impl Level {
         let contribution = |shares: &mut Vec<f64>, sample: &Sample| {
             let Some((_, pixel)) = at.place(sample) else { return 0.0 };
             shares.fill(0.0);
-            self.under(sample, &pixel).add_to(shares, 1.0);
+            self.shares_under(sample, &pixel).add_to(shares, 1.0);
             let sum = |values: &[f64]| shares.iter().zip(values).map(|(s, v)| s * v).sum::<f64>();
             values.of(sample, sum) * f64::from(sample.weight)
         };
@@ -108,17 +107,17 @@ impl Level {
 mod tests {
     use nalgebra::Vector6;
 
-    use super::super::scene::segmented;
+    use super::super::test_scene::segmented;
     use super::*;
-    use crate::se3;
+    use geometry::se3;
 
     #[test]
     fn squares_add_up_to_the_information_of_all() {
         let observations = segmented(2);
         let pose = se3::exp(&Vector6::new(0.01, 0.0, -0.01, 0.002, -0.001, 0.003));
-        let squares = information(&observations, &pose, 0);
+        let squares = information(&observations, &pose);
         let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
-        let joint = level.joint(&level.samples(&pose, Counted::Visible), &level.at(&pose));
+        let joint = level.joint(&level.samples(&pose, Counted::Visible), &level.projection(&pose));
         let sum: f64 = squares.values().map(|square| square.sum).sum();
         assert_eq!(squares.keys().map(|square| square[0]).max(), Some(1));
         assert!((sum / level.total(&joint) - level.information(&joint)).abs() < 1e-3, "{sum}");
@@ -128,7 +127,7 @@ mod tests {
     fn the_gain_is_that_of_the_information() {
         let observations = segmented(1);
         let [near, far] = [0.002, 0.03].map(|by| se3::exp(&Vector6::new(0.0, 0.0, 0.0, by, 0.0, 0.0)));
-        let gains = information_gains(&observations, &far, &[near, far], 0);
+        let gains = information_gains(&observations, &far, &[near, far]);
         assert!(gains[0].gain > 2.0 * gains[0].sigma, "{gains:?}");
         assert_eq!(gains[1].gain, 0.0);
     }

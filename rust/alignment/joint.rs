@@ -9,10 +9,11 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Isometry3};
 
-use super::choice::{Chosen, Counted, in_view};
 use super::level::Level;
-use super::newton::{Problem, Way, unit_steps};
+use super::newton::{NewtonResult, PenalisedInformation, unit_steps};
 use super::projection::Neighbourhood;
+use super::sample::Counted;
+use super::selection::{Selection, in_view};
 use super::variables::{Estimate, Variables};
 use crate::error::Result;
 use crate::observation::Observations;
@@ -31,12 +32,10 @@ const FINE: usize = 2;
 #[derive(Clone, Debug)]
 pub struct JointConfig {
     pub factors: Vec<usize>,
-    pub edge_band_px: usize,
     pub max_coarse_points: usize,
     pub max_rounds: usize,
     pub max_steps: usize,
     pub tolerance: f64,
-    pub max_baseline_m: f64,
     pub changes: Vec<f64>,
     pub sigmas: Vec<f64>,
     pub evidence: f64,
@@ -65,17 +64,18 @@ pub fn maximise(
     inverse_curvature: Option<DMatrix<f64>>,
     config: &JointConfig,
 ) -> Result<JointMaximum> {
-    let mut climb = Climb { inverse_curvature, ..Climb::new(observations, start, variables, config)? };
+    let mut ascent =
+        JointAscent { inverse_curvature, ..JointAscent::new(observations, start, variables, config)? };
     let mut moved_px = f64::INFINITY;
     for (index, &factor) in config.factors.iter().enumerate() {
         if index > 0 {
             // Curvature depends on the size of the blocks.
-            climb.inverse_curvature = None;
+            ascent.inverse_curvature = None;
         }
         let tolerance = if index + 1 == config.factors.len() { config.tolerance } else { COARSE_TOLERANCE };
-        moved_px = climb.level(factor, tolerance)?;
+        moved_px = ascent.level(factor, tolerance)?;
     }
-    Ok(JointMaximum { estimate: climb.estimate, moved_px, inverse_curvature: climb.inverse_curvature })
+    Ok(JointMaximum { estimate: ascent.estimate, moved_px, inverse_curvature: ascent.inverse_curvature })
 }
 
 /// The outcome of one round, which uses one choice of points.
@@ -88,20 +88,20 @@ struct Round {
     is_fresh: bool,
 }
 
-struct Climb<'a> {
+struct JointAscent<'a> {
     observations: &'a Arc<Observations>,
     variables: &'a Variables,
     config: &'a JointConfig,
     /// Weight of the penalty on each variable, nats.
     precision: DVector<f64>,
     estimate: Estimate,
-    /// Change of the variables from their priors; the entries of the pose are meaningless.
-    gone: DVector<f64>,
+    /// Offset of the variables from their priors; the entries of the pose are meaningless.
+    offset_from_prior: DVector<f64>,
     /// Most recent inverse of the negative Hessian.
     inverse_curvature: Option<DMatrix<f64>>,
 }
 
-impl<'a> Climb<'a> {
+impl<'a> JointAscent<'a> {
     fn new(
         observations: &'a Arc<Observations>,
         start: &Isometry3<f64>,
@@ -109,14 +109,22 @@ impl<'a> Climb<'a> {
         config: &'a JointConfig,
     ) -> Result<Self> {
         let given = Estimate { pose: *start, camera: observations.camera.clone(), offset_s: 0.0 };
-        let mut gone = DVector::zeros(variables.count());
-        gone.rows_mut(6, config.changes.len()).copy_from_slice(&config.changes);
+        let mut offset_from_prior = DVector::zeros(variables.count());
+        offset_from_prior.rows_mut(6, config.changes.len()).copy_from_slice(&config.changes);
         let mut precision = DVector::zeros(variables.count());
         for (i, sigma) in config.sigmas.iter().enumerate() {
             precision[6 + i] = sigma.powi(-2) / config.evidence;
         }
-        let estimate = given.changed(variables, &gone, config.max_baseline_m)?;
-        Ok(Self { observations, variables, config, precision, estimate, gone, inverse_curvature: None })
+        let estimate = given.changed(variables, &offset_from_prior, observations.max_baseline_m)?;
+        Ok(Self {
+            observations,
+            variables,
+            config,
+            precision,
+            estimate,
+            offset_from_prior,
+            inverse_curvature: None,
+        })
     }
 
     /// Runs rounds on blocks of one size until one moves the points by fewer blocks than `tolerance`. Returns by
@@ -148,14 +156,14 @@ impl<'a> Climb<'a> {
     fn observed(&self, factor: usize) -> Level {
         let seen = self.estimate.observed(self.observations, self.variables);
         let max_points = if factor > FINE { self.config.max_coarse_points } else { usize::MAX };
-        Level::new(in_view(&seen, &[self.estimate.pose]), factor, self.config.edge_band_px, max_points)
+        Level::new(in_view(&seen, &[self.estimate.pose]), factor, self.observations.edge_band_px, max_points)
     }
 
     /// Runs one round. Returns `None` where the information is constant.
     fn round(&mut self, level: &Level, is_stale: bool, tolerance: f64) -> Result<Option<Round>> {
-        let Self { variables, config, .. } = *self;
+        let Self { observations, variables, config, .. } = *self;
         let anchor = self.estimate.clone();
-        let Chosen { moving, constant } = level.chosen(&anchor.pose, Counted::Visible, CONSTANT_RADIUS);
+        let Selection { moving, constant } = level.select(&anchor.pose, Counted::Visible, CONSTANT_RADIUS);
         let near = Neighbourhood::new(variables, &anchor)?;
         // The pose alone has its own motions, those of the ascents that led here.
         let steps = if variables.count() == 6 {
@@ -168,25 +176,24 @@ impl<'a> Climb<'a> {
         };
         let Some(steps) = steps else { return Ok(None) };
         let Some(blocks) = steps.clone().try_inverse() else { return Ok(None) };
-        let problem = Problem {
+        let penalised = PenalisedInformation {
             level,
             samples: &moving,
             constant: &constant,
             near: &near,
-            max_baseline_m: config.max_baseline_m,
             precision: &self.precision,
-            gone: &self.gone,
+            offset_from_prior: &self.offset_from_prior,
             steps,
             blocks,
         };
         if is_stale {
-            self.inverse_curvature = problem.inverse_curvature();
+            self.inverse_curvature = penalised.inverse_curvature();
         }
         let Some(inverse) = &self.inverse_curvature else { return Ok(None) };
-        let Some(way) = problem.newton(inverse, config.max_steps, tolerance) else { return Ok(None) };
-        let Way { change, moved, wanted } = way;
-        self.estimate = anchor.changed(variables, &change, config.max_baseline_m)?;
-        self.gone += change;
+        let Some(result) = penalised.newton(inverse, config.max_steps, tolerance) else { return Ok(None) };
+        let NewtonResult { change, moved, wanted } = result;
+        self.estimate = anchor.changed(variables, &change, observations.max_baseline_m)?;
+        self.offset_from_prior += change;
         Ok(Some(Round { moved, wanted, is_fresh: is_stale }))
     }
 }

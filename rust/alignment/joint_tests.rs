@@ -2,19 +2,20 @@
 
 use std::sync::Arc;
 
+use geometry::camera::{Camera, Intrinsic};
+use geometry::se3;
 use nalgebra::{DMatrix, DVector, Isometry3, Point3, Vector6};
 
-use super::choice::{Chosen, Counted};
 use super::joint::{JointConfig, maximise};
 use super::level::Level;
-use super::newton::Problem;
+use super::newton::PenalisedInformation;
 use super::projection::Neighbourhood;
-use super::scene::{scene, segmented};
+use super::sample::Counted;
+use super::selection::Selection;
+use super::test_scene::{scene, segmented};
 use super::variables::{Estimate, Variables, within_baseline};
 use crate::agreement::measure;
-use crate::camera::{Camera, Intrinsic};
 use crate::observation::{Frame, Observations};
-use crate::se3;
 
 fn variables(observations: &Observations) -> Variables {
     let names = ["fx", "fy", "cx", "cy", "0", "1"];
@@ -29,12 +30,10 @@ fn variables(observations: &Observations) -> Variables {
 fn config(count: usize) -> JointConfig {
     JointConfig {
         factors: vec![2, 1],
-        edge_band_px: 0,
         max_coarse_points: usize::MAX,
         max_rounds: 10,
         max_steps: 8,
         tolerance: 1e-3,
-        max_baseline_m: 1.0,
         changes: vec![0.0; count - 6],
         sigmas: vec![1.0; count - 6],
         evidence: 1e4,
@@ -61,25 +60,24 @@ fn the_gradient_is_that_of_finite_differences() {
             let place = |x: f64| ((x + 0.5) / level.factor as f64 - 0.5).rem_euclid(1.0);
             [pixel.x, pixel.y].iter().all(|&x| (1e-3..0.999).contains(&place(x)))
         });
-        let gone = DVector::from_element(n, 0.1);
+        let offset_from_prior = DVector::from_element(n, 0.1);
         let precision = DVector::from_fn(n, |i, _| if i < 6 { 0.0 } else { 0.01 });
-        let problem = Problem {
+        let penalised = PenalisedInformation {
             level: &level,
             samples: &samples,
             constant: &level.empty_joint(),
             near: &near,
-            max_baseline_m: 1.0,
             precision: &precision,
-            gone: &gone,
+            offset_from_prior: &offset_from_prior,
             steps: DMatrix::identity(n, n),
             blocks: DMatrix::identity(n, n),
         };
-        let (_, gradient) = problem.value_and_gradient(&at).expect("a possible camera");
+        let (_, gradient) = penalised.value_and_gradient(&at).expect("a possible camera");
         for axis in 0..n {
             let value = |by: f64| {
                 let mut moved = at.clone();
                 moved[axis] += by;
-                problem.value_and_gradient(&moved).expect("a possible camera").0
+                penalised.value_and_gradient(&moved).expect("a possible camera").0
             };
             let slope = (value(STEP) - value(-STEP)) / (2.0 * STEP);
             let allowed = tolerance * (1.0 + gradient.norm());
@@ -101,12 +99,9 @@ fn at_the_longest_baseline_it_settles_higher_than_it_began() {
     let changes = [(Intrinsic::Fx, 4.0), (Intrinsic::Fy, -3.0), (Intrinsic::Cx, 0.8)];
     observations.camera = observations.camera.changed(changes).expect("a possible camera");
     for max_baseline_m in [0.1, 0.2, 0.3] {
-        let config = JointConfig {
-            factors: vec![4, 2, 1],
-            sigmas: vec![10.0; 4],
-            max_baseline_m,
-            ..config(variables.count())
-        };
+        let config =
+            JointConfig { factors: vec![4, 2, 1], sigmas: vec![10.0; 4], ..config(variables.count()) };
+        observations.max_baseline_m = max_baseline_m;
         let start = within_baseline(&best, max_baseline_m);
         let found =
             maximise(&Arc::new(observations.clone()), &start, &variables, None, &config).expect("a top");
@@ -137,10 +132,10 @@ fn points_amid_one_class_are_summed_up_once() {
     let level = Level::new(scene(0.0), 1, 0, usize::MAX);
     let pose = Isometry3::identity();
     let all = level.samples(&pose, Counted::All);
-    let Chosen { moving: left, constant } = level.chosen(&pose, Counted::All, 2);
+    let Selection { moving: left, constant } = level.select(&pose, Counted::All, 2);
     assert!(left.len() < all.len() && constant.total() > 0.0);
     // A third of a pixel away, the points that were left out have not changed.
-    let nearby = level.at(&se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.005, 0.0, 0.0)));
+    let nearby = level.projection(&se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.005, 0.0, 0.0)));
     let (whole, whole_gradient) = level.joint_and_gradient(&all, &level.empty_joint(), &nearby);
     let (split, split_gradient) = level.joint_and_gradient(&left, &constant, &nearby);
     assert!((whole.mutual_information() - split.mutual_information()).abs() < 1e-12);

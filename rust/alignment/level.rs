@@ -7,8 +7,8 @@ use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
 use super::adjusted::adjusted;
-use super::choice::{Mixed, Sample, Weights};
 use super::projection::Projection;
+use super::sample::{Mixed, Sample, Weights};
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
@@ -16,7 +16,7 @@ use crate::pyramid::{Sampled, ShareMap};
 use crate::thinning::stride;
 
 /// Weight, in points, of pairs not seen in a batch, which keeps their pointwise mutual information finite.
-const LEAST_WEIGHT: f64 = 0.1;
+const MIN_WEIGHT: f64 = 0.1;
 /// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
 const CHUNK: usize = 8192;
 
@@ -49,7 +49,8 @@ impl Level {
         Self { observations, maps, factor, stride }
     }
 
-    pub(super) fn at(&self, pose: &Isometry3<f64>) -> Projection<'static> {
+    /// Returns the projection of the points at a pose.
+    pub(super) fn projection(&self, pose: &Isometry3<f64>) -> Projection<'static> {
         Projection::of_pose(&self.observations.camera, pose)
     }
 
@@ -69,7 +70,7 @@ impl Level {
             let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::new());
             for sample in chunk {
                 let Some((p_camera, pixel)) = at.place(sample) else { continue };
-                let sampled = self.under(sample, &pixel);
+                let sampled = self.shares_under(sample, &pixel);
                 let sample = Sample { weight: weights.of(sample, &sampled), ..*sample };
                 self.add(&mut joint, &sample, &sampled);
                 if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
@@ -93,7 +94,7 @@ impl Level {
     }
 
     /// Class shares under a pixel of a sample's frame.
-    pub(super) fn under(&self, sample: &Sample, pixel: &Point2<f64>) -> Sampled<'_> {
+    pub(super) fn shares_under(&self, sample: &Sample, pixel: &Point2<f64>) -> Sampled<'_> {
         self.maps[sample.frame as usize].at(pixel)
     }
 
@@ -138,28 +139,28 @@ impl Level {
     }
 
     /// Contribution of each pair to the information, finite even for pairs that were never seen.
-    pub(super) fn values(&self, joint: &JointHistogram) -> Values<'_> {
-        self.values_at_least(joint, LEAST_WEIGHT)
+    pub(super) fn values(&self, joint: &JointHistogram) -> PairValues<'_> {
+        self.values_at_least(joint, MIN_WEIGHT)
     }
 
-    fn values_at_least(&self, joint: &JointHistogram, floor: f64) -> Values<'_> {
+    fn values_at_least(&self, joint: &JointHistogram, floor: f64) -> PairValues<'_> {
         let table = if self.observations.has_partitions() {
             adjusted(joint, &self.observations, floor)
         } else {
             joint.pointwise_at_least(floor)
         };
-        Values { observations: &self.observations, table }
+        PairValues { observations: &self.observations, table }
     }
 }
 
 /// Contribution of each pair of a joint histogram: its pointwise mutual information, or its part of the adjusted
 /// one.
-pub(super) struct Values<'a> {
+pub(super) struct PairValues<'a> {
     observations: &'a Observations,
     table: Vec<f64>,
 }
 
-impl Values<'_> {
+impl PairValues<'_> {
     /// Value of each pair of classes, if no point has partitions.
     pub(super) fn of_classes(&self) -> &[f64] {
         &self.table

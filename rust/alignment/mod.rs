@@ -12,28 +12,29 @@
 //! is maximised: see `adjusted.rs` and [`crate::observation::Partitions`].
 
 mod adjusted;
-mod along;
 mod anchored;
 mod ascent;
-mod choice;
 mod information;
 mod joint;
 #[cfg(test)]
 mod joint_tests;
 mod level;
+mod lines;
 mod newton;
 mod projection;
-#[cfg(test)]
-mod scene;
+mod sample;
+mod selection;
 mod sensitivity;
 mod slopes;
+#[cfg(test)]
+mod test_scene;
 mod variables;
 
-pub use along::{Way, information_along};
 pub use anchored::{Anchored, MiniBatch};
 pub use ascent::{AlignmentConfig, Ascended, align, ascend};
-pub use choice::Counted;
 pub use information::{information, information_gains};
 pub use joint::{JointConfig, JointMaximum, maximise};
+pub use lines::{Line, information_along};
+pub use sample::Counted;
 pub use sensitivity::{Sensitivity, SensitivityConfig, sensitivity};
 pub use variables::{MAX_VARIABLES, Variables};

@@ -7,24 +7,24 @@
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6};
 
-use super::choice::Sample;
 use super::level::Level;
 use super::projection::Neighbourhood;
+use super::sample::Sample;
 use crate::mutual_information::JointHistogram;
 
 /// Half-width, blocks (root mean square), of the gradient differences.
 pub(super) const HALF_WIDTH: f64 = 0.5;
 /// Longest step, blocks.
-const LONGEST_STEP: f64 = 1.0;
+const MAX_STEP: f64 = 1.0;
 /// A step that does not ascend is halved at most this many times before the search ends.
 const MAX_HALVINGS: i32 = 4;
 /// Curvature floor, relative to the largest eigenvalue.
-const LEAST_CURVATURE: f64 = 1e-3;
+const MIN_CURVATURE: f64 = 1e-3;
 /// Longest step of the translation, metres, however little it moves the points.
-const LONGEST_MOTION_M: f64 = 0.5;
+const MAX_MOTION_M: f64 = 0.5;
 
 /// Longest translation of a column, relative to the median range, however little it moves the points.
-const LONGEST_MOTION: f64 = 0.05;
+const MAX_MOTION: f64 = 0.05;
 
 impl Level {
     /// Preconditioner of the ascents: six twists, as columns, that each move the points by one block, root mean
@@ -34,7 +34,7 @@ impl Level {
     /// motion. An ascent follows both at one pace instead of creeping along a valley between them. `None` if
     /// numbers overflow, as for points a million kilometres away.
     pub fn preconditioner(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Option<Matrix6<f64>> {
-        let at = self.at(pose);
+        let at = self.projection(pose);
         let mut ranges = at.ranges(samples);
         if ranges.is_empty() {
             return None;
@@ -42,7 +42,7 @@ impl Level {
         let motions = at.mean_motions(samples) / (self.factor as f64).powi(2);
         let mut moved: Matrix6<f64> = motions.fixed_view::<6, 6>(0, 0).into_owned();
         let middle = ranges.len() / 2;
-        let longest = LONGEST_MOTION * *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let longest = MAX_MOTION * *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
         for axis in 0..3 {
             moved[(axis, axis)] += longest.powi(-2);
         }
@@ -61,7 +61,7 @@ impl Level {
 pub(super) fn unit_steps(motions: &DMatrix<f64>, sigmas: &[f64]) -> Option<DMatrix<f64>> {
     let mut moved = motions.clone();
     for axis in 0..3 {
-        moved[(axis, axis)] += LONGEST_MOTION_M.powi(-2);
+        moved[(axis, axis)] += MAX_MOTION_M.powi(-2);
     }
     for (i, sigma) in sigmas.iter().enumerate() {
         moved[(6 + i, 6 + i)] += sigma.powi(-2);
@@ -79,18 +79,16 @@ pub(super) fn unit_steps(motions: &DMatrix<f64>, sigmas: &[f64]) -> Option<DMatr
 }
 
 /// The penalised information of one choice of points.
-pub(super) struct Problem<'a> {
+pub(super) struct PenalisedInformation<'a> {
     pub level: &'a Level,
     pub samples: &'a [Sample],
     /// Pairs of the points that do not change.
     pub constant: &'a JointHistogram,
     pub near: &'a Neighbourhood<'a>,
-    /// Largest distance of the camera from the LiDAR, metres.
-    pub max_baseline_m: f64,
     /// Weight of the penalty on each variable, nats.
     pub precision: &'a DVector<f64>,
-    /// Change of the variables so far.
-    pub gone: &'a DVector<f64>,
+    /// Offset of the variables from their priors so far; the entries of the pose are meaningless.
+    pub offset_from_prior: &'a DVector<f64>,
     /// Changes of the variables, as columns, that each move the points by one block.
     pub steps: DMatrix<f64>,
     /// Inverse of `steps`.
@@ -98,7 +96,7 @@ pub(super) struct Problem<'a> {
 }
 
 /// The outcome of Newton's method on one choice of points.
-pub(super) struct Way {
+pub(super) struct NewtonResult {
     pub change: DVector<f64>,
     /// Distance, blocks, by which it moved the points.
     pub moved: f64,
@@ -107,10 +105,11 @@ pub(super) struct Way {
     pub wanted: f64,
 }
 
-impl Problem<'_> {
+impl PenalisedInformation<'_> {
     /// Takes at most `max_steps` steps, until one moves the points by fewer blocks than `tolerance`. `None` if
     /// numbers overflow.
-    pub fn newton(&self, inverse: &DMatrix<f64>, max_steps: usize, tolerance: f64) -> Option<Way> {
+    pub fn newton(&self, inverse: &DMatrix<f64>, max_steps: usize, tolerance: f64) -> Option<NewtonResult> {
+        let max_baseline_m = self.level.observations.max_baseline_m;
         let mut change = DVector::zeros(self.steps.nrows());
         let (mut value, mut gradient) = self.value_and_gradient(&change)?;
         let mut wanted = 0.0;
@@ -120,34 +119,34 @@ impl Problem<'_> {
             if !length.is_finite() {
                 return None;
             }
-            step *= (LONGEST_STEP / length).min(1.0);
+            step *= (MAX_STEP / length).min(1.0);
             let better = (0..=MAX_HALVINGS).find_map(|halvings| {
-                let next = self.near.stepped(&change, &(&step * 0.5f64.powi(halvings)), self.max_baseline_m);
+                let next = self.near.stepped(&change, &(&step * 0.5f64.powi(halvings)), max_baseline_m);
                 let (next_value, next_gradient) = self.value_and_gradient(&next)?;
                 (next_value > value).then_some((next, next_value, next_gradient))
             });
             // If even the shortest step gains nothing, the maximum is nearer than that.
             let Some((next, next_value, next_gradient)) = better else {
-                wanted = 0.5f64.powi(MAX_HALVINGS) * length.min(LONGEST_STEP);
+                wanted = 0.5f64.powi(MAX_HALVINGS) * length.min(MAX_STEP);
                 break;
             };
-            let gone = (&self.blocks * (&next - &change)).norm();
+            let moved = (&self.blocks * (&next - &change)).norm();
             (change, value, gradient) = (next, next_value, next_gradient);
-            if gone < tolerance {
+            if moved < tolerance {
                 break;
             }
         }
         let moved = (&self.blocks * &change).norm();
-        Some(Way { change, moved, wanted })
+        Some(NewtonResult { change, moved, wanted })
     }
 
     /// Penalised information and its gradient; `None` if the camera is impossible.
     pub fn value_and_gradient(&self, change: &DVector<f64>) -> Option<(f64, DVector<f64>)> {
         let at = self.near.projection(change).ok()?;
         let (joint, gradient) = self.level.joint_and_gradient(self.samples, self.constant, &at);
-        let off = self.gone + change;
-        let pull = self.precision.component_mul(&off);
-        Some((self.level.information(&joint) - 0.5 * pull.dot(&off), gradient - pull))
+        let offset = self.offset_from_prior + change;
+        let pull = self.precision.component_mul(&offset);
+        Some((self.level.information(&joint) - 0.5 * pull.dot(&offset), gradient - pull))
     }
 
     /// Inverse of the negative Hessian, from gradients to both sides along each step; `None` where the information
@@ -166,7 +165,7 @@ impl Problem<'_> {
             return None;
         }
         let eigen = (0.5 * (&curvature + curvature.transpose())).symmetric_eigen();
-        let least = LEAST_CURVATURE * eigen.eigenvalues.amax();
+        let least = MIN_CURVATURE * eigen.eigenvalues.amax();
         let inverse = eigen.eigenvalues.map(|value| 1.0 / value.abs().max(least));
         let basis = &self.steps * eigen.eigenvectors;
         Some(&basis * DMatrix::from_diagonal(&inverse) * basis.transpose())

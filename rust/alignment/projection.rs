@@ -1,18 +1,18 @@
 //! Projection of points to pixels, at a pose or near an estimate with variable intrinsics and time offset, and its
 //! derivatives.
 
+use geometry::camera::{Camera, Intrinsic, IntrinsicSlopes};
+use geometry::se3;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point2, Vector3, Vector6};
 
-use super::choice::Sample;
-use super::variables::{Estimate, MAX_VARIABLES, Variables, later, moved, within_baseline};
-use crate::camera::{Camera, Intrinsic, IntrinsicSlopes};
+use super::sample::Sample;
+use super::variables::{Estimate, MAX_VARIABLES, Variables, motion_over, moved, within_baseline};
 use crate::error::Result;
-use crate::se3;
 
 /// Number of points that suffice to measure how the variables move the image.
 const MAX_MOTION_POINTS: usize = 5000;
 /// Number of entries of the widest cell.
-pub(super) const MOST: usize = MAX_VARIABLES + 1;
+pub(super) const MAX_WIDTH: usize = MAX_VARIABLES + 1;
 
 /// Calls the given function with the width of a cell that holds a weight and a slope for each of `n` variables.
 macro_rules! with_width {
@@ -31,7 +31,7 @@ macro_rules! with_width {
                 $call
             }
             _ => {
-                const $width: usize = crate::alignment::projection::MOST;
+                const $width: usize = crate::alignment::projection::MAX_WIDTH;
                 $call
             }
         }
@@ -91,10 +91,10 @@ impl<'a> Neighbourhood<'a> {
     pub fn projection(&'a self, change: &DVector<f64>) -> Result<Projection<'a>> {
         let variables = self.variables;
         let at = self.anchor.changed(variables, change, f64::INFINITY)?;
-        let radial = variables.intrinsics_in(change).filter(|(each, _)| *each == Intrinsic::Radial);
+        let radial = variables.intrinsics_in(change).filter(|(intrinsic, _)| *intrinsic == Intrinsic::Radial);
         let twists = variables.twists.as_deref().unwrap_or_default();
         let by_s = variables.offset().map_or(0.0, |index| change[index]);
-        let of_frame = |twist: &Vector6<f64>| to_camera(&(at.pose * later(twist, by_s)));
+        let of_frame = |twist: &Vector6<f64>| to_camera(&(at.pose * motion_over(twist, by_s)));
         let (rotation, translation) = to_camera(&at.pose);
         let drift = |twist: &Vector6<f64>| {
             let [v, w] = [0, 3].map(|row| -(rotation * twist.fixed_rows::<3>(row)));
@@ -134,7 +134,7 @@ impl Projection<'_> {
         self.place_of(&sample.position, sample.frame)
     }
 
-    /// The same for a point of a frame, metres, LiDAR frame.
+    /// Projects a point of a frame (metres, LiDAR frame): its position in the camera frame, and its pixel.
     #[inline(always)]
     pub fn place_of(&self, position: &Vector3<f64>, frame: u32) -> Option<(Vector3<f64>, Point2<f64>)> {
         let frame = if self.drifts.is_empty() { 0 } else { frame as usize };

@@ -12,11 +12,12 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector, Isometry3, Point2};
 use rayon::prelude::*;
 
-use super::choice::{Chosen, Counted, Sample, Weights, in_view};
 use super::joint::CONSTANT_RADIUS;
 use super::level::Level;
 use super::newton::HALF_WIDTH;
-use super::projection::{MOST, Neighbourhood, Projection};
+use super::projection::{MAX_WIDTH, Neighbourhood, Projection};
+use super::sample::{Counted, Sample, Weights};
+use super::selection::{Selection, in_view};
 use super::slopes::{Slopes, Split};
 use super::variables::{Estimate, Variables};
 use crate::mutual_information::JointHistogram;
@@ -46,7 +47,6 @@ pub struct Sensitivity {
 #[derive(Clone, Copy, Debug)]
 pub struct SensitivityConfig {
     pub factor: usize,
-    pub edge_band_px: usize,
     pub max_points: usize,
     pub regions_across: usize,
 }
@@ -60,9 +60,13 @@ pub fn sensitivity(
     variables: &Variables,
     config: &SensitivityConfig,
 ) -> Option<Sensitivity> {
-    let level =
-        Level::new(in_view(observations, &[*pose]), config.factor, config.edge_band_px, config.max_points);
-    let Chosen { moving: mut samples, constant } = level.chosen(pose, Counted::Visible, CONSTANT_RADIUS);
+    let level = Level::new(
+        in_view(observations, &[*pose]),
+        config.factor,
+        observations.edge_band_px,
+        config.max_points,
+    );
+    let Selection { moving: mut samples, constant } = level.select(pose, Counted::Visible, CONSTANT_RADIUS);
     level.as_shares_of_classes(&mut samples, pose);
     let anchor = Estimate { pose: *pose, camera: observations.camera.clone(), offset_s: 0.0 };
     let near = Neighbourhood::new(variables, &anchor).ok()?;
@@ -94,9 +98,9 @@ impl Level {
     /// Turns the weights of samples at a pose into shares of a class: the labelled share under a point is applied
     /// where it lands. Segments belong to one sweep: across sweeps they are compared by the image class under them.
     fn as_shares_of_classes(&self, samples: &mut [Sample], pose: &Isometry3<f64>) {
-        let (at, observations) = (self.at(pose), &self.observations);
+        let (at, observations) = (self.projection(pose), &self.observations);
         samples.par_iter_mut().for_each(|sample| {
-            let sampled = at.place(sample).map(|(_, pixel)| self.under(sample, &pixel));
+            let sampled = at.place(sample).map(|(_, pixel)| self.shares_under(sample, &pixel));
             let total = sampled.map_or(1.0, |sampled| sampled.total());
             if observations.frames[sample.frame as usize].partitions.is_some() {
                 let under = sampled.as_ref().and_then(Sampled::largest);
@@ -136,13 +140,13 @@ impl Problem<'_> {
         let (mut joint, chunks) = self.level.joint_and_mixed(self.samples, here, Weights::WhereItLands);
         joint.merge(self.constant);
         let (total, values) = (self.level.total(&joint), self.level.values(&joint));
-        let mut sums: BTreeMap<[u32; 4], [f64; MOST]> = BTreeMap::new();
+        let mut sums: BTreeMap<[u32; 4], [f64; MAX_WIDTH]> = BTreeMap::new();
         for mixed in chunks.iter().flatten() {
             let [row, column] = square_of(&mixed.pixel);
             let part = [mixed.sample.frame, row, column, u32::from(mixed.sample.class)];
-            self.level.add_score(mixed, here, &values, sums.entry(part).or_insert([0.0; MOST]));
+            self.level.add_score(mixed, here, &values, sums.entry(part).or_insert([0.0; MAX_WIDTH]));
         }
-        let score = |sum: [f64; MOST]| DVector::from_column_slice(&sum[1..=self.n]) / total;
+        let score = |sum: [f64; MAX_WIDTH]| DVector::from_column_slice(&sum[1..=self.n]) / total;
         sums.into_iter().map(|(part, sum)| (part, score(sum))).collect()
     }
 
@@ -162,17 +166,17 @@ impl Problem<'_> {
         let differences: Vec<Shares<DMatrix<f64>>> = (0..steps.ncols()).map(along).collect::<Option<_>>()?;
         let inverse = steps.clone().try_inverse()?;
         let curvatures = |of: fn(&Shares<DMatrix<f64>>) -> &DMatrix<f64>| {
-            let count = differences.first().map_or(0, |each| of(each).ncols());
+            let count = differences.first().map_or(0, |shares| of(shares).ncols());
             let curvature = |place: usize| {
-                let along: Vec<_> = differences.iter().map(|each| of(each).column(place)).collect();
+                let along: Vec<_> = differences.iter().map(|shares| of(shares).column(place)).collect();
                 let curvature = DMatrix::from_columns(&along) * &inverse;
                 0.5 * (&curvature + curvature.transpose())
             };
             (0..count).map(curvature).collect()
         };
         Some(Shares {
-            of_frames: curvatures(|each| &each.of_frames),
-            of_classes: curvatures(|each| &each.of_classes),
+            of_frames: curvatures(|shares| &shares.of_frames),
+            of_classes: curvatures(|shares| &shares.of_classes),
         })
     }
 
@@ -213,13 +217,13 @@ impl Problem<'_> {
 mod tests {
     use nalgebra::Vector6;
 
-    use super::super::scene::scene;
+    use super::super::test_scene::scene;
     use super::*;
-    use crate::camera::Intrinsic;
-    use crate::se3;
+    use geometry::camera::Intrinsic;
+    use geometry::se3;
 
     const CONFIG: SensitivityConfig =
-        SensitivityConfig { factor: 1, edge_band_px: 0, max_points: usize::MAX, regions_across: 3 };
+        SensitivityConfig { factor: 1, max_points: usize::MAX, regions_across: 3 };
 
     fn with_intrinsics() -> Variables {
         let names = ["fx", "fy", "cx", "cy", "radial"];
@@ -234,16 +238,18 @@ mod tests {
     fn scores_add_up_to_the_gradient() {
         let observations = scene(0.3);
         let pose = near();
-        let found = sensitivity(&observations, &pose, &with_intrinsics(), &CONFIG).expect("points on labels");
+        let at_pose =
+            sensitivity(&observations, &pose, &with_intrinsics(), &CONFIG).expect("points on labels");
         let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
         let samples = level.samples(&pose, Counted::Visible);
-        let (_, gradient) = level.joint_and_gradient(&samples, &level.empty_joint(), &level.at(&pose));
-        assert!(found.scores.nrows() > 4);
-        let sum = found.scores.row_sum().transpose();
+        let (_, gradient) =
+            level.joint_and_gradient(&samples, &level.empty_joint(), &level.projection(&pose));
+        assert!(at_pose.scores.nrows() > 4);
+        let sum = at_pose.scores.row_sum().transpose();
         assert!((sum.fixed_rows::<6>(0) - &gradient).norm() < 1e-9 * gradient.norm(), "{sum} {gradient}");
         let of_pose =
             sensitivity(&observations, &pose, &Variables::default(), &CONFIG).expect("points on labels");
-        assert!((of_pose.scores - found.scores.columns(0, 6)).norm() < 1e-12);
-        assert!((of_pose.curvature - found.curvature.view((0, 0), (6, 6))).norm() < 1e-6);
+        assert!((of_pose.scores - at_pose.scores.columns(0, 6)).norm() < 1e-12);
+        assert!((of_pose.curvature - at_pose.curvature.view((0, 0), (6, 6))).norm() < 1e-6);
     }
 }

@@ -6,13 +6,13 @@
 //! Points with partitions have too many rows for that: their contributions are summed one by one, once the
 //! histogram is known.
 
+use geometry::camera::RUN;
 use nalgebra::{DVector, SVector};
 use rayon::prelude::*;
 
-use super::choice::{Mixed, Sample, Weights};
-use super::level::{Level, Values};
+use super::level::{Level, PairValues};
 use super::projection::{Motion, Projection, with_width};
-use crate::camera::RUN;
+use super::sample::{Mixed, Sample, Weights};
 use crate::mutual_information::JointHistogram;
 use crate::pyramid::Sampled;
 
@@ -55,7 +55,7 @@ impl Level {
         (joint, sum / total)
     }
 
-    /// The same with other weights, and with the gradient in parts.
+    /// Computes the joint histogram and the gradient with given weights, and the gradient in parts.
     pub fn slopes(
         &self,
         samples: &[Sample],
@@ -114,7 +114,7 @@ impl Level {
                 projected.extend(run.iter().map(|sample| at.place(sample)));
                 for (sample, place) in run.iter().zip(&projected) {
                     let Some((p_camera, pixel)) = place else { continue };
-                    let sampled = self.under(sample, pixel);
+                    let sampled = self.shares_under(sample, pixel);
                     let weight = f64::from(weights.of(sample, &sampled));
                     sloped.add(sample.class, weight, &sampled, || at.motion(sample.frame, p_camera, pixel));
                 }
@@ -169,10 +169,10 @@ impl Level {
         &self,
         Mixed { sample, p_camera, pixel }: &Mixed,
         at: &Projection<'_>,
-        values: &Values<'_>,
+        values: &PairValues<'_>,
         sum: &mut [f64; WIDTH],
     ) {
-        let Sampled::Mixed(shares) = self.under(sample, pixel) else { return };
+        let Sampled::Mixed(shares) = self.shares_under(sample, pixel) else { return };
         let per_pixel = values.of(sample, |values| shares.gradient(values)) * f64::from(sample.weight);
         let [of_u, of_v] = at.motion::<WIDTH>(sample.frame, p_camera, pixel);
         for (i, sum) in sum.iter_mut().enumerate() {

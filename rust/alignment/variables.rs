@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
+use geometry::camera::{Camera, Intrinsic};
+use geometry::se3;
 use nalgebra::{DVector, Isometry3, Point3, Vector6};
 use rayon::prelude::*;
 
-use crate::camera::{Camera, Intrinsic};
 use crate::error::Result;
 use crate::observation::{Frame, Observations};
-use crate::se3;
 
 /// Largest number of variables: no camera has more.
 pub const MAX_VARIABLES: usize = 27;
@@ -66,7 +66,7 @@ impl Estimate {
         seen.camera = self.camera.clone();
         if let (Some(twists), true) = (&variables.twists, self.offset_s != 0.0) {
             let of_frame = |(frame, twist): (&Frame, &Vector6<f64>)| {
-                let motion = later(twist, self.offset_s);
+                let motion = motion_over(twist, self.offset_s);
                 let point =
                     |point: &[f32; 3]| (motion * Point3::from(*point).cast::<f64>()).cast::<f32>().into();
                 let points: Vec<[f32; 3]> = frame.points.iter().map(point).collect();
@@ -79,7 +79,7 @@ impl Estimate {
 }
 
 /// Motion of points of the LiDAR frame to its frame some seconds later.
-pub(super) fn later(twist_per_s: &Vector6<f64>, seconds: f64) -> Isometry3<f64> {
+pub(super) fn motion_over(twist_per_s: &Vector6<f64>, seconds: f64) -> Isometry3<f64> {
     se3::exp(&(twist_per_s * -seconds))
 }
 

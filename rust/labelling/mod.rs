@@ -3,5 +3,5 @@
 mod range_view;
 mod scores;
 
-pub use range_view::{EMPTY, Neighbors, Projection, RangeView};
+pub use range_view::{EMPTY, Neighbors, RangeProjection, RangeView};
 pub use scores::{NO_VIEW, Places, Scores};

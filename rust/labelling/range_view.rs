@@ -2,12 +2,13 @@
 
 use std::f64::consts::TAU;
 
+use geometry::angles::{azimuth, elevation};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::label_image::NO_ID;
 use crate::point_cloud::to_f64;
-use crate::spherical::{azimuth, elevation, nearest};
+use crate::spherical::nearest;
 
 /// Index of a pixel without a point, or of a point without a pixel.
 pub use crate::spherical::EMPTY;
@@ -33,7 +34,7 @@ pub struct RangeView {
 
 /// The points of a sweep in a range image.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Projection {
+pub struct RangeProjection {
     /// The nearest point of each pixel, or [`EMPTY`].
     pub points: Vec<u32>,
     /// The pixel of each point, or [`EMPTY`].
@@ -74,14 +75,14 @@ impl RangeView {
 
     /// Projects the points of a sweep. Each pixel keeps its nearest point, the first in a tie. With `rings`, a
     /// point's row is its ring, and row 0 is the first.
-    pub fn project(&self, points: &[[f32; 3]], rings: Option<&[u16]>) -> Projection {
+    pub fn project(&self, points: &[[f32; 3]], rings: Option<&[u16]>) -> RangeProjection {
         let pixel = |index: usize| {
             let ring = rings.map(|rings| usize::from(rings[index]));
             self.pixel(&points[index], ring).unwrap_or(EMPTY)
         };
         let pixels: Vec<u32> = (0..points.len()).into_par_iter().map(pixel).collect();
         let seen = pixels.iter().map(|&pixel| (pixel != EMPTY).then_some(pixel as usize));
-        Projection { points: nearest(points, seen, self.rows * self.columns), pixels }
+        RangeProjection { points: nearest(points, seen, self.rows * self.columns), pixels }
     }
 
     fn pixel(&self, point: &[f32; 3], ring: Option<usize>) -> Option<u32> {
@@ -115,7 +116,7 @@ impl RangeView {
     /// vote.
     pub fn carry_back(
         &self,
-        projection: &Projection,
+        projection: &RangeProjection,
         points: &[[f32; 3]],
         classes: &[u16],
         neighbors: &Neighbors,
@@ -127,7 +128,7 @@ impl RangeView {
             )));
         }
         let ranges: Vec<f64> = points.par_iter().map(|point| to_f64(point).norm()).collect();
-        let farther = farther(search, neighbors.sigma_px);
+        let distance_factors = distance_factors(search, neighbors.sigma_px);
         let class = |index: usize, near: &mut Vec<(f64, u16)>| {
             let pixel = projection.pixels[index];
             if pixel == EMPTY {
@@ -142,7 +143,7 @@ impl RangeView {
                 // A point counts in its own pixel, even if a nearer point occludes it there.
                 let is_own = other == pixel as usize;
                 let difference = if is_own { 0.0 } else { (ranges[point as usize] - ranges[index]).abs() };
-                near.push((difference * farther[place], classes[other]));
+                near.push((difference * distance_factors[place], classes[other]));
             });
             vote(near, count, neighbors.max_difference_m)
         };
@@ -167,7 +168,7 @@ impl RangeView {
 }
 
 /// Factors on the distance of the pixels of a window: one minus a Gaussian with sum one.
-fn farther(search: usize, sigma_px: f64) -> Vec<f64> {
+fn distance_factors(search: usize, sigma_px: f64) -> Vec<f64> {
     let middle = (search / 2) as f64;
     let height = |place: usize| {
         let (y, x) = ((place / search) as f64 - middle, (place % search) as f64 - middle);
@@ -199,7 +200,7 @@ mod tests {
     use std::f64::consts::PI;
 
     use super::*;
-    use crate::spherical::from_angles;
+    use geometry::angles::from_angles;
 
     const NEAREST: Neighbors = Neighbors { count: 5, search: 5, sigma_px: 1.0, max_difference_m: 1.0 };
 

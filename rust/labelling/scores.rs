@@ -151,7 +151,9 @@ impl Places<'_> {
     fn check(&self, scores: &[Scores<'_>]) -> Result<usize> {
         let num_classes = scores.first().map_or(0, |first| first.num_classes);
         let is_known = |view: &u8| *view == NO_VIEW || usize::from(*view) < scores.len();
-        if scores.iter().any(|each| each.num_classes != num_classes) || !self.views.par_iter().all(is_known) {
+        if scores.iter().any(|scores| scores.num_classes != num_classes)
+            || !self.views.par_iter().all(is_known)
+        {
             return Err(Error::Input("views of an image: the scores do not match the views".into()));
         }
         Ok(num_classes.max(1))
@@ -205,9 +207,9 @@ mod tests {
     fn between_two_cells_the_nearer_one_wins_and_outside_nothing_does() {
         let scores = [Scores::classes_last(&[1.0, 0.0, 0.0, 1.0], (1, 2, 2)).expect("whole")];
         let places = [[-3.0, 0.0], [0.4, 0.0], [0.6, 9.0], [0.0, 0.0], [f32::NAN, 0.0]];
-        let found = Places { views: &[0, 0, 0, NO_VIEW, 0], places: &places };
-        assert_eq!(found.classes(&scores).expect("known"), [0, 0, 1, NO_ID, NO_ID]);
-        let shares = found.shares(&scores, false).expect("known");
+        let seen = Places { views: &[0, 0, 0, NO_VIEW, 0], places: &places };
+        assert_eq!(seen.classes(&scores).expect("known"), [0, 0, 1, NO_ID, NO_ID]);
+        let shares = seen.shares(&scores, false).expect("known");
         assert_eq!(shares, [255, 0, 153, 102, 102, 153, 0, 0, 0, 0]);
     }
 

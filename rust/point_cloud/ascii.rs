@@ -2,7 +2,7 @@
 
 use super::column::{Column, Scalar};
 use super::fields::Fields;
-use super::limit::{Parsed, shown};
+use super::limit::{ParseResult, quoted};
 use super::table::Table;
 
 /// The part of a line that belongs to a field.
@@ -20,10 +20,10 @@ pub(super) fn parse<'a>(
     text: &[u8],
     num_records: usize,
     mut tokens: Vec<Token>,
-    found: Fields<usize>,
+    indices: Fields<usize>,
     seconds_per_tick: f64,
-) -> Parsed<Table<'a>> {
-    for &index in found.iter() {
+) -> ParseResult<Table<'a>> {
+    for &index in indices.iter() {
         tokens[index] = Token::Taken;
     }
     let packed = pack(text, num_records, &tokens)?;
@@ -31,7 +31,7 @@ pub(super) fn parse<'a>(
     let column = |index| {
         Ok::<_, String>(Column::little_endian(8 * count_taken(&tokens[..index]), stride, Scalar::F64))
     };
-    Table::new(packed, num_records, found.try_map(column)?, seconds_per_tick)
+    Table::new(packed, num_records, indices.try_map(column)?, seconds_per_tick)
 }
 
 fn count_taken(tokens: &[Token]) -> usize {
@@ -39,13 +39,13 @@ fn count_taken(tokens: &[Token]) -> usize {
 }
 
 /// Packs the selected values of `num_records` lines as little-endian f64, line by line; blank lines do not count.
-fn pack(text: &[u8], num_records: usize, tokens: &[Token]) -> Parsed<Vec<u8>> {
+fn pack(text: &[u8], num_records: usize, tokens: &[Token]) -> ParseResult<Vec<u8>> {
     // Each value is at least a digit and a blank: a header that promises too much gets no memory.
     if num_records > text.len() / (2 * count_taken(tokens)).max(1) + 1 {
         return Err(format!("holds {} bytes of data, too few for {num_records} points", text.len()));
     }
     let mut packed = Vec::with_capacity(8 * count_taken(tokens) * num_records);
-    let mut lines = Line(text);
+    let mut lines = TextLine(text);
     for index in 0..num_records {
         lines.skip_blank_lines();
         if lines.0.is_empty() {
@@ -56,7 +56,7 @@ fn pack(text: &[u8], num_records: usize, tokens: &[Token]) -> Parsed<Vec<u8>> {
     Ok(packed)
 }
 
-fn pack_line(line: &mut Line<'_>, tokens: &[Token], packed: &mut Vec<u8>) -> Parsed<()> {
+fn pack_line(line: &mut TextLine<'_>, tokens: &[Token], packed: &mut Vec<u8>) -> ParseResult<()> {
     for token in tokens {
         match token {
             Token::Skipped(count) => line.skip(*count)?,
@@ -74,9 +74,9 @@ fn pack_line(line: &mut Line<'_>, tokens: &[Token], packed: &mut Vec<u8>) -> Par
 }
 
 /// The rest of a text, from some place in a line.
-pub(super) struct Line<'a>(pub &'a [u8]);
+pub(super) struct TextLine<'a>(pub &'a [u8]);
 
-impl Line<'_> {
+impl TextLine<'_> {
     /// Goes to the first line that has a value.
     pub(super) fn skip_blank_lines(&mut self) {
         self.0 = self.0.trim_ascii_start();
@@ -91,7 +91,7 @@ impl Line<'_> {
         is_line
     }
 
-    fn skip_blanks(&mut self) -> Parsed<()> {
+    fn skip_blanks(&mut self) -> ParseResult<()> {
         let blanks = self.0.iter().take_while(|&&b| matches!(b, b' ' | b'\t')).count();
         self.0 = &self.0[blanks..];
         match self.0.first() {
@@ -104,7 +104,7 @@ impl Line<'_> {
         self.0.iter().position(u8::is_ascii_whitespace).unwrap_or(self.0.len())
     }
 
-    fn skip(&mut self, count: usize) -> Parsed<()> {
+    fn skip(&mut self, count: usize) -> ParseResult<()> {
         for _ in 0..count {
             self.skip_blanks()?;
             self.0 = &self.0[self.value_length()..];
@@ -112,7 +112,7 @@ impl Line<'_> {
         Ok(())
     }
 
-    fn number(&mut self) -> Parsed<f64> {
+    fn number(&mut self) -> ParseResult<f64> {
         self.skip_blanks()?;
         if let Ok((value, length)) = fast_float2::parse_partial::<f64, _>(self.0)
             && self.0.get(length).is_none_or(u8::is_ascii_whitespace)
@@ -122,13 +122,13 @@ impl Line<'_> {
         }
         let (value, rest) = self.0.split_at(self.value_length());
         self.0 = rest;
-        odd_nan(value).ok_or_else(|| format!("found '{}', needs a number", shown(value)))
+        odd_nan(value).ok_or_else(|| format!("found '{}', needs a number", quoted(value)))
     }
 
-    fn end(&mut self) -> Parsed<()> {
+    fn end(&mut self) -> ParseResult<()> {
         match self.skip_blanks() {
             Err(_) => Ok(()),
-            Ok(()) => Err(format!("found one value too many, '{}'", shown(&self.0[..self.value_length()]))),
+            Ok(()) => Err(format!("found one value too many, '{}'", quoted(&self.0[..self.value_length()]))),
         }
     }
 }
@@ -143,7 +143,7 @@ fn odd_nan(value: &[u8]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    fn numbers(text: &str, num_records: usize, tokens: &[Token]) -> Parsed<Vec<f64>> {
+    fn numbers(text: &str, num_records: usize, tokens: &[Token]) -> ParseResult<Vec<f64>> {
         let packed = pack(text.as_bytes(), num_records, tokens)?;
         let (values, _) = packed.as_chunks::<8>();
         Ok(values.iter().map(|&x| f64::from_le_bytes(x)).collect())

@@ -1,6 +1,6 @@
 //! Columns of numbers at a constant stride in a file's bytes.
 
-use super::limit::Parsed;
+use super::limit::ParseResult;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scalar {
@@ -17,18 +17,18 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
-    pub(super) fn new(kind: Kind, size: usize) -> Option<Self> {
+    pub(super) fn new(kind: NumberKind, size: usize) -> Option<Self> {
         Some(match (kind, size) {
-            (Kind::Signed, 1) => Self::I8,
-            (Kind::Signed, 2) => Self::I16,
-            (Kind::Signed, 4) => Self::I32,
-            (Kind::Signed, 8) => Self::I64,
-            (Kind::Unsigned, 1) => Self::U8,
-            (Kind::Unsigned, 2) => Self::U16,
-            (Kind::Unsigned, 4) => Self::U32,
-            (Kind::Unsigned, 8) => Self::U64,
-            (Kind::Float, 4) => Self::F32,
-            (Kind::Float, 8) => Self::F64,
+            (NumberKind::Signed, 1) => Self::I8,
+            (NumberKind::Signed, 2) => Self::I16,
+            (NumberKind::Signed, 4) => Self::I32,
+            (NumberKind::Signed, 8) => Self::I64,
+            (NumberKind::Unsigned, 1) => Self::U8,
+            (NumberKind::Unsigned, 2) => Self::U16,
+            (NumberKind::Unsigned, 4) => Self::U32,
+            (NumberKind::Unsigned, 8) => Self::U64,
+            (NumberKind::Float, 4) => Self::F32,
+            (NumberKind::Float, 8) => Self::F64,
             _ => return None,
         })
     }
@@ -49,7 +49,7 @@ impl Scalar {
 
 /// The meaning of a number's bits.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Kind {
+pub(super) enum NumberKind {
     Signed,
     Unsigned,
     Float,
@@ -71,7 +71,7 @@ impl Column {
     }
 
     /// Checks that `count` values are within `num_bytes`.
-    pub(super) fn check(&self, count: usize, num_bytes: usize) -> Parsed<()> {
+    pub(super) fn check(&self, count: usize, num_bytes: usize) -> ParseResult<()> {
         let last = count.saturating_sub(1).checked_mul(self.stride).and_then(|x| x.checked_add(self.offset));
         let end = last.and_then(|x| x.checked_add(self.scalar.size()));
         match end {

@@ -1,7 +1,7 @@
 //! The meaning of a cloud's named fields, for all formats that name them.
 
 use super::column::Scalar;
-use super::limit::{Parsed, shown};
+use super::limit::{ParseResult, quoted};
 
 /// One item, such as a column, for each field in use.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +43,7 @@ impl<T> Fields<T> {
 }
 
 /// Finds the fields by name, in any case and order; CloudCompare's prefix `scalar_` is ignored.
-pub(super) fn find(names: &[&str]) -> Parsed<Fields<usize>> {
+pub(super) fn find(names: &[&str]) -> ParseResult<Fields<usize>> {
     let plain: Vec<String> = names.iter().map(|name| plain(name)).collect();
     let position = |wanted: &[&str]| wanted.iter().find_map(|w| plain.iter().position(|name| name == w));
     let axis = |name| position(&[name]).ok_or_else(|| format!("has {}, needs x, y and z", listed(names)));
@@ -68,11 +68,11 @@ fn plain(name: &str) -> String {
 
 fn listed(names: &[&str]) -> String {
     const SHOWN: usize = 8;
-    let shown: Vec<String> = names.iter().take(SHOWN).map(|name| shown(name.as_bytes())).collect();
+    let quoted: Vec<String> = names.iter().take(SHOWN).map(|name| quoted(name.as_bytes())).collect();
     match names.len() {
         0 => "no field".into(),
-        1..=SHOWN => format!("the fields {}", shown.join(" ")),
-        more => format!("the fields {} and {} more", shown.join(" "), more - SHOWN),
+        1..=SHOWN => format!("the fields {}", quoted.join(" ")),
+        more => format!("the fields {} and {} more", quoted.join(" "), more - SHOWN),
     }
 }
 

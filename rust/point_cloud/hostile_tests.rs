@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 
+use super::limit::ParseResult;
 use super::*;
 
 const PCD: &str = "# made\nVERSION 0.7\nFIELDS x y z _ label t ring\nSIZE 4 4 4 1 2 4 1\nTYPE F F F U U U U\n\
@@ -50,7 +51,7 @@ fn seeds() -> Vec<(Format, Vec<u8>)> {
 }
 
 /// Checks that a message is one line, and short enough for a terminal.
-fn check(result: Parsed<PointCloud>) {
+fn check(result: ParseResult<PointCloud>) {
     if let Err(complaint) = result {
         assert!(!complaint.contains(char::is_control) && complaint.len() < 1000, "{complaint:?}");
     }

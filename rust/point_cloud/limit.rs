@@ -6,13 +6,13 @@ use crate::file::{check_bytes, grouped};
 
 /// The result of a parser; its error says what was found and what is needed, and leaves the file's name to its
 /// caller.
-pub(super) type Parsed<T> = std::result::Result<T, String>;
+pub(super) type ParseResult<T> = std::result::Result<T, String>;
 
 /// A quotation from a file for an error message: on one line, and short.
-pub(super) fn shown(bytes: &[u8]) -> String {
-    const LONGEST: usize = 40;
-    let text = String::from_utf8_lossy(bytes.get(..LONGEST).unwrap_or(bytes));
-    let more = if bytes.len() > LONGEST { "..." } else { "" };
+pub(super) fn quoted(bytes: &[u8]) -> String {
+    const MAX_BYTES_SHOWN: usize = 40;
+    let text = String::from_utf8_lossy(bytes.get(..MAX_BYTES_SHOWN).unwrap_or(bytes));
+    let more = if bytes.len() > MAX_BYTES_SHOWN { "..." } else { "" };
     format!("{}{more}", text.escape_debug())
 }
 
@@ -21,7 +21,7 @@ pub const MAX_POINTS: usize = 10_000_000;
 /// Bytes that a point may take in a file, or unpacked from it: 16 numbers of four bytes.
 const BYTES_A_POINT: u64 = 64;
 /// Bytes allowed for any file: headers are small compared with many points.
-const LEAST_BYTES: u64 = 1 << 20;
+const MIN_BYTES: u64 = 1 << 20;
 /// Bytes of the files that are read at a time.
 const GROUP_BYTES: u64 = 1 << 29;
 
@@ -42,10 +42,10 @@ impl Limit {
     /// Bytes of the largest file of a sweep, and of what it may unpack to.
     #[must_use]
     pub fn max_bytes(self) -> u64 {
-        (self.max_points as u64).saturating_mul(BYTES_A_POINT).max(LEAST_BYTES)
+        (self.max_points as u64).saturating_mul(BYTES_A_POINT).max(MIN_BYTES)
     }
 
-    pub(super) fn check_points(self, found: usize) -> Parsed<()> {
+    pub(super) fn check_points(self, found: usize) -> ParseResult<()> {
         if found <= self.max_points {
             return Ok(());
         }
@@ -53,7 +53,7 @@ impl Limit {
         Err(format!("found {found} points, needed at most {limit}: see --max-points"))
     }
 
-    pub(super) fn check_bytes(self, found: u64) -> Parsed<()> {
+    pub(super) fn check_bytes(self, found: u64) -> ParseResult<()> {
         let needed_for = format!(", {BYTES_A_POINT} a point: see --max-points");
         check_bytes(found, self.max_bytes(), &needed_for)
     }

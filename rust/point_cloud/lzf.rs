@@ -1,14 +1,14 @@
 //! LZF, as used by PCD's `binary_compressed`. Source: Marc Lehmann's liblzf, `lzf_d.c`.
 
 /// Largest growth of a stream: three bytes make 264.
-pub const LARGEST_RATIO: usize = 88;
+pub const MAX_RATIO: usize = 88;
 
 /// Unpacks a stream that is known to hold `size` bytes.
 ///
 /// # Errors
 /// A message: it holds another number of bytes, or refers to bytes before its start.
 pub fn decompress(stream: &[u8], size: usize) -> Result<Vec<u8>, String> {
-    if size > stream.len().saturating_mul(LARGEST_RATIO) {
+    if size > stream.len().saturating_mul(MAX_RATIO) {
         return Err(format!("{} compressed bytes cannot hold {size}", stream.len()));
     }
     let mut out = vec![0; size];

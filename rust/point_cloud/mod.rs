@@ -11,21 +11,15 @@ mod npy;
 mod pcd;
 mod ply;
 mod raw;
+mod reading;
 mod table;
 
-use std::path::{Path, PathBuf};
-
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use crate::classes::ClassShares;
-use crate::error::{Error, Result};
-use crate::file::{Opened, extension};
-use crate::probabilities;
-use limit::Parsed;
-use table::Table;
 
 pub use limit::{Limit, MAX_POINTS};
+pub use reading::{Format, decode, read, read_all, read_as};
 
 /// Converts a point as read to double precision.
 pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
@@ -51,161 +45,6 @@ pub struct PointCloud {
     pub num_no_returns: usize,
     /// Which of the file's entries are points.
     pub is_return: Vec<bool>,
-}
-
-/// File format of a point cloud.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Format {
-    /// KITTI's `.bin`: x y z intensity, float32.
-    Kitti,
-    /// nuScenes' `.pcd.bin`: x y z intensity ring, float32.
-    NuScenes,
-    /// PCL's `.pcd`.
-    Pcd,
-    /// Stanford's `.ply`.
-    Ply,
-    /// NumPy's `.npy`.
-    Npy,
-    /// NumPy's `.npz`.
-    Npz,
-}
-
-impl Format {
-    /// The format by the file's suffix. A `.bin` does not say how many columns it has, so the name decides:
-    /// `.pcd.bin` has nuScenes' five, any other KITTI's four.
-    ///
-    /// # Errors
-    /// The suffix is not known.
-    pub fn of(path: &Path) -> Result<Self> {
-        let stem = path.file_stem().map(Path::new).unwrap_or(Path::new(""));
-        match extension(path).as_str() {
-            "bin" if extension(stem) == "pcd" => Ok(Self::NuScenes),
-            "bin" => Ok(Self::Kitti),
-            "pcd" => Ok(Self::Pcd),
-            "ply" => Ok(Self::Ply),
-            "npy" => Ok(Self::Npy),
-            "npz" => Ok(Self::Npz),
-            other => {
-                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy, .npz, .las or .laz";
-                Err(Error::file(path, format!("point cloud format '{other}' is not known, needs {needed}")))
-            }
-        }
-    }
-
-    fn parse(self, bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
-        match self {
-            Self::Kitti => raw::parse(bytes, 4, limit),
-            Self::NuScenes => raw::parse(bytes, 5, limit),
-            Self::Pcd => pcd::parse(bytes, limit),
-            Self::Ply => ply::parse(bytes, limit),
-            Self::Npy => npy::parse(bytes, limit),
-            Self::Npz => npy::parse_archive(bytes, limit),
-        }
-    }
-}
-
-/// Reads many sweeps with their labels in parallel; the error of the first failing frame wins. The sizes of all
-/// files are checked before the first is read, and large ones are not read all at once.
-///
-/// # Errors
-/// As [`read`].
-pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)], limit: Limit) -> Result<Vec<PointCloud>> {
-    let sizes = paths.iter().map(|files| judge(files, limit)).collect::<Result<Vec<u64>>>()?;
-    let mut clouds = Vec::with_capacity(paths.len());
-    for group in limit::groups(&sizes) {
-        let read = |(points, labels): &(PathBuf, Option<PathBuf>)| read(points, labels.as_deref(), limit);
-        let found: Vec<Result<PointCloud>> = paths[group].par_iter().map(read).collect();
-        for cloud in found {
-            clouds.push(cloud?);
-        }
-    }
-    Ok(clouds)
-}
-
-/// Checks the size of a sweep's files, and returns how many bytes its content takes. Missing files are left to
-/// those who read them.
-fn judge((points, labels): &(PathBuf, Option<PathBuf>), limit: Limit) -> Result<u64> {
-    let mut sum = 0;
-    for path in [points].into_iter().chain(labels) {
-        let size = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-        limit.check_bytes(size).map_err(|reason| Error::file(path, reason))?;
-        sum += size;
-    }
-    let unpacked = match Format::of(points) {
-        Ok(Format::Pcd) => pcd::unpacked_bytes(points),
-        Ok(Format::Npz) => npy::unpacked_bytes(points),
-        _ => None,
-    };
-    Ok(sum.saturating_add(unpacked.unwrap_or_default()))
-}
-
-/// Reads one sweep and one label for each of its entries, from `labels` or else from the cloud's own label field,
-/// if any.
-///
-/// # Errors
-/// A file cannot be read or is too large, its size or content does not match its format, the counts of points and
-/// labels differ, a label is not a class id, or there is no return.
-pub fn read(points: &Path, labels: Option<&Path>, limit: Limit) -> Result<PointCloud> {
-    let file = Opened::open(points)?;
-    limit.check_bytes(file.size()).map_err(|reason| Error::file(points, reason))?;
-    let bytes = file.bytes()?;
-    read_as(Format::of(points)?, points, &bytes, labels, limit)
-}
-
-/// The same from the bytes of a sweep; `points` is its name in error messages.
-///
-/// # Errors
-/// As [`read`].
-pub fn read_as(
-    format: Format,
-    points: &Path,
-    bytes: &[u8],
-    labels: Option<&Path>,
-    limit: Limit,
-) -> Result<PointCloud> {
-    let complain = |reason: String| Error::file(points, reason);
-    let table = format.parse(bytes, limit).map_err(complain)?;
-    let Some(path) = labels else {
-        return decode_table(&table).map_err(complain);
-    };
-    let (mut cloud, returns) = table.decode();
-    check_returns(&cloud).map_err(complain)?;
-    if extension(path) == "npz" {
-        let shares = probabilities::read(path, &[table.num_records()])?;
-        cloud.label_shares = Some(shares.kept(returns.keep()));
-        return Ok(cloud);
-    }
-    let file = Opened::open(path)?;
-    raw::check_size(path, file.size(), table.num_records(), points)?;
-    let label_bytes = file.bytes()?;
-    let labels = raw::parse_labels(path, &label_bytes).map_err(|reason| Error::file(path, reason))?;
-    raw::check_count(path, labels.num_records(), table.num_records(), points)?;
-    cloud.labels = Some(labels.ids(&returns).map_err(|reason| Error::file(path, reason))?);
-    Ok(cloud)
-}
-
-/// Decodes a file's bytes; labels are those of the cloud's own label field.
-///
-/// # Errors
-/// A message without the file's name: the size or content does not match the format, a label is not a class id, or
-/// there is no return.
-pub fn decode(format: Format, bytes: &[u8]) -> std::result::Result<PointCloud, String> {
-    decode_table(&format.parse(bytes, Limit::default())?)
-}
-
-fn decode_table(table: &Table<'_>) -> Parsed<PointCloud> {
-    let (mut cloud, returns) = table.decode();
-    check_returns(&cloud)?;
-    cloud.labels = table.labels().map(|labels| labels.ids(&returns)).transpose()?;
-    Ok(cloud)
-}
-
-fn check_returns(cloud: &PointCloud) -> Parsed<()> {
-    match cloud.points[..] {
-        [] if cloud.num_no_returns == 0 => Err("holds no points".into()),
-        [] => Err("holds no returns: every point is zero or not finite".into()),
-        _ => Ok(()),
-    }
 }
 
 #[cfg(test)]

@@ -7,17 +7,17 @@ use std::path::Path;
 use npyz::{DType, Endianness, NpyHeader, Order, TypeChar, TypeStr};
 use zip::ZipArchive;
 
-use super::column::{Column, Kind, Scalar};
+use super::column::{Column, NumberKind, Scalar};
 use super::fields::{Fields, find, seconds_per_tick};
-use super::limit::{Limit, Parsed, shown};
-use super::table::{Table, Values};
-use crate::file::{Opened, Stream};
-use crate::npy::{open_archive, read_array, split_header};
+use super::limit::{Limit, ParseResult, quoted};
+use super::table::{EntryValues, Table};
+use crate::array_file::{open_archive, read_array, split_header};
+use crate::file::{OpenFile, Stream};
 
 /// An array with more columns is an image rather than a table of points.
 const MAX_COLUMNS: u64 = 16;
 
-pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
+pub(super) fn parse(bytes: &[u8], limit: Limit) -> ParseResult<Table<'_>> {
     let (header, data) = split_header(bytes)?;
     let table = match header.dtype() {
         DType::Record(fields) => parse_records(&header, &fields, data),
@@ -29,13 +29,13 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
 }
 
 /// Records of any shape: the rows of an organised cloud follow one another.
-fn parse_records<'a>(header: &NpyHeader, fields: &[npyz::Field], data: &'a [u8]) -> Parsed<Table<'a>> {
+fn parse_records<'a>(header: &NpyHeader, fields: &[npyz::Field], data: &'a [u8]) -> ParseResult<Table<'a>> {
     let names: Vec<&str> = fields.iter().map(|field| field.name.as_str()).collect();
-    let found = find(&names)?;
+    let indices = find(&names)?;
     let bytes_of = |fields: &[npyz::Field]| fields.iter().filter_map(|f| f.dtype.num_bytes()).sum();
-    let columns = found.try_map(|index| {
+    let columns = indices.try_map(|index| {
         let DType::Plain(dtype) = &fields[index].dtype else {
-            return Err(format!("field {} is not a single number", shown(names[index].as_bytes())));
+            return Err(format!("field {} is not a single number", quoted(names[index].as_bytes())));
         };
         column(dtype, bytes_of(&fields[..index]), bytes_of(fields))
     })?;
@@ -44,7 +44,7 @@ fn parse_records<'a>(header: &NpyHeader, fields: &[npyz::Field], data: &'a [u8])
     Table::new(data, num_records, columns, tick)
 }
 
-fn parse_columns<'a>(header: &NpyHeader, dtype: &TypeStr, data: &'a [u8]) -> Parsed<Table<'a>> {
+fn parse_columns<'a>(header: &NpyHeader, dtype: &TypeStr, data: &'a [u8]) -> ParseResult<Table<'a>> {
     let [num_records, num_columns @ 3..=MAX_COLUMNS] = *header.shape() else {
         let needed = "N x 3, or N x 4 and more (x y z intensity ...)";
         return Err(format!("has shape {:?}, needs {needed}", header.shape()));
@@ -67,7 +67,7 @@ fn parse_columns<'a>(header: &NpyHeader, dtype: &TypeStr, data: &'a [u8]) -> Par
 }
 
 /// N numbers.
-pub(super) fn parse_values(bytes: &[u8]) -> Parsed<Values<'_>> {
+pub(super) fn parse_values(bytes: &[u8]) -> ParseResult<EntryValues<'_>> {
     let (header, data) = split_header(bytes)?;
     let [num_records] = *header.shape() else {
         return Err(format!("has shape {:?}, needs N numbers", header.shape()));
@@ -75,14 +75,14 @@ pub(super) fn parse_values(bytes: &[u8]) -> Parsed<Values<'_>> {
     let DType::Plain(dtype) = header.dtype() else {
         return Err("holds records, needs an array of numbers".into());
     };
-    Values::new(data, num_records as usize, column(&dtype, 0, dtype.num_bytes().unwrap_or_default())?)
+    EntryValues::new(data, num_records as usize, column(&dtype, 0, dtype.num_bytes().unwrap_or_default())?)
 }
 
-fn column(dtype: &TypeStr, offset: usize, stride: usize) -> Parsed<Column> {
+fn column(dtype: &TypeStr, offset: usize, stride: usize) -> ParseResult<Column> {
     let kind = match dtype.type_char() {
-        TypeChar::Float => Some(Kind::Float),
-        TypeChar::Int => Some(Kind::Signed),
-        TypeChar::Uint => Some(Kind::Unsigned),
+        TypeChar::Float => Some(NumberKind::Float),
+        TypeChar::Int => Some(NumberKind::Signed),
+        TypeChar::Uint => Some(NumberKind::Unsigned),
         _ => None,
     };
     let scalar = kind.and_then(|kind| Scalar::new(kind, dtype.num_bytes()?));
@@ -94,8 +94,8 @@ fn column(dtype: &TypeStr, offset: usize, stride: usize) -> Parsed<Column> {
 const POINTS: &[&str] = &["points", "xyz", "cloud", "point_cloud", "pointcloud", "arr_0"];
 
 /// Largest ratio of unpacked to packed size, for archives that unpack to more than the smallest limit.
-const LARGEST_RATIO: u64 = 100;
-const SMALLEST_LIMIT: u64 = 1 << 24;
+const MAX_RATIO: u64 = 100;
+const MIN_LIMIT: u64 = 1 << 24;
 
 /// An archive that unpacks only what is needed.
 struct Arrays<R> {
@@ -105,8 +105,8 @@ struct Arrays<R> {
     left: u64,
 }
 
-pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>> {
-    let most = (bytes.len() as u64).saturating_mul(LARGEST_RATIO).max(SMALLEST_LIMIT);
+pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> ParseResult<Table<'static>> {
+    let most = (bytes.len() as u64).saturating_mul(MAX_RATIO).max(MIN_LIMIT);
     let mut arrays = Arrays::new(Cursor::new(bytes), most.min(limit.max_bytes()))?;
     let points = arrays.points()?;
     let unpacked = arrays.unpack(points)?;
@@ -115,7 +115,7 @@ pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>
     // The points' own array provides x, y and z.
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().chain(arrays.names.iter().map(String::as_str)).collect();
-    let found = find(&names)?;
+    let indices = find(&names)?;
     // Separate arrays take precedence over the fields of the table.
     let mut join = |index: Option<usize>, field: fn(&mut Fields<Column>) -> &mut Option<Column>| {
         let Some(member) = index.and_then(|index| index.checked_sub(3)) else { return Ok(()) };
@@ -124,10 +124,10 @@ pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>
         *field(&mut table.columns) = Some(arrays.explain(member, joined)?);
         Ok::<_, String>(())
     };
-    join(found.intensity, |fields| &mut fields.intensity)?;
-    join(found.ring, |fields| &mut fields.ring)?;
-    join(found.time, |fields| &mut fields.time)?;
-    join(found.label, |fields| &mut fields.label)?;
+    join(indices.intensity, |fields| &mut fields.intensity)?;
+    join(indices.ring, |fields| &mut fields.ring)?;
+    join(indices.time, |fields| &mut fields.time)?;
+    join(indices.label, |fields| &mut fields.label)?;
     table.seconds_per_tick = table.columns.time.map_or(1.0, |time| seconds_per_tick(time.scalar));
     Ok(table)
 }
@@ -139,34 +139,34 @@ pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
         let mut sizes = (0..archive.len()).map(|index| Some(archive.by_index_raw(index).ok()?.size()));
         sizes.try_fold(0u64, |sum, size| Some(sum.saturating_add(size?)))
     };
-    Opened::open(path).ok()?.parse(|stream| Ok(sum_of(stream))).ok()?
+    OpenFile::open(path).ok()?.parse(|stream| Ok(sum_of(stream))).ok()?
 }
 
 impl<R: Read + Seek> Arrays<R> {
-    fn new(file: R, left: u64) -> Parsed<Self> {
+    fn new(file: R, left: u64) -> ParseResult<Self> {
         let mut archive = open_archive(file).map_err(|e| invalid(&e))?;
         let count = archive.len();
         let name = |index| {
             let file = archive.by_index(index).map_err(|e| invalid(&e))?;
             Ok(file.name().map_err(|e| invalid(&e))?.trim_end_matches(".npy").to_owned())
         };
-        let names = (0..count).map(name).collect::<Parsed<_>>()?;
+        let names = (0..count).map(name).collect::<ParseResult<_>>()?;
         Ok(Self { archive, names, left })
     }
 
-    fn points(&self) -> Parsed<usize> {
+    fn points(&self) -> ParseResult<usize> {
         if self.names.len() == 1 {
             return Ok(0);
         }
         let named = POINTS.iter().find_map(|wanted| self.names.iter().position(|name| name == wanted));
         named.ok_or_else(|| {
-            let found: Vec<String> = self.names.iter().take(8).map(|name| shown(name.as_bytes())).collect();
+            let found: Vec<String> = self.names.iter().take(8).map(|name| quoted(name.as_bytes())).collect();
             format!("holds the arrays '{}', needs one of '{}'", found.join(" "), POINTS.join(" "))
         })
     }
 
     /// The bytes of an array, as many as its header promises.
-    fn unpack(&mut self, index: usize) -> Parsed<Vec<u8>> {
+    fn unpack(&mut self, index: usize) -> ParseResult<Vec<u8>> {
         let mut file = self.archive.by_index(index).map_err(|e| invalid(&e))?;
         // A table of contents that promises too little gets no more.
         let limit = file.size().min(self.left);
@@ -177,12 +177,12 @@ impl<R: Read + Seek> Arrays<R> {
         Ok(bytes)
     }
 
-    fn explain<T>(&self, index: usize, result: Parsed<T>) -> Parsed<T> {
+    fn explain<T>(&self, index: usize, result: ParseResult<T>) -> ParseResult<T> {
         let name = self.names.get(index).map(String::as_bytes).unwrap_or_default();
-        result.map_err(|reason| format!("array {} {reason}", shown(name)))
+        result.map_err(|reason| format!("array {} {reason}", quoted(name)))
     }
 }
 
 fn invalid(error: &dyn std::fmt::Display) -> String {
-    format!("is not a readable .npz: {}", shown(error.to_string().as_bytes()))
+    format!("is not a readable .npz: {}", quoted(error.to_string().as_bytes()))
 }

@@ -1,18 +1,19 @@
-//! PCL's `.pcd`, versions 0.5 to 0.7: `ascii`, `binary` and `binary_compressed`, with fields of any order, type and count.
+//! PCL's `.pcd`, versions 0.5 to 0.7: `ascii`, `binary` and `binary_compressed`, with fields of any order, type and
+//! count.
 //!
-//! Sources: PCL's description of the format and `pcd_io.cpp`. Without SIZE and TYPE, as in the oldest files, every field is a
-//! float32. `binary_compressed` holds one field after another, LZF-packed.
+//! Sources: PCL's description of the format and `pcd_io.cpp`. Without SIZE and TYPE, as in the oldest files, every
+//! field is a float32. `binary_compressed` holds one field after another, LZF-packed.
 
 use std::io::Read;
 use std::path::Path;
 
 use super::ascii::{self, Token};
-use super::column::{Column, Kind, Scalar};
+use super::column::{Column, NumberKind, Scalar};
 use super::fields::{find, seconds_per_tick};
-use super::limit::{Limit, Parsed, shown};
+use super::limit::{Limit, ParseResult, quoted};
 use super::lzf;
 use super::table::Table;
-use crate::file::Opened;
+use crate::file::OpenFile;
 
 /// Bytes within which a header of usual length ends.
 const HEADER_BYTES: u64 = 4096;
@@ -37,26 +38,26 @@ enum Encoding {
     Compressed,
 }
 
-pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
+pub(super) fn parse(bytes: &[u8], limit: Limit) -> ParseResult<Table<'_>> {
     let (header, data) = parse_header(bytes)?;
     limit.check_points(header.num_points)?;
     let names: Vec<&str> = header.fields.iter().map(|field| field.name.as_str()).collect();
-    let found = find(&names)?;
-    let scalars = found.try_map(|index| header.fields[index].scalar())?;
+    let indices = find(&names)?;
+    let scalars = indices.try_map(|index| header.fields[index].scalar())?;
     let tick = scalars.time.map_or(1.0, seconds_per_tick);
     match header.encoding {
         Encoding::Ascii => {
             let tokens = header.fields.iter().map(|field| Token::Skipped(field.count)).collect();
-            ascii::parse(data, header.num_points, tokens, found, tick)
+            ascii::parse(data, header.num_points, tokens, indices, tick)
         }
         Encoding::Binary => {
             let column = |index| header.column_of_records(index);
-            Table::new(header.exactly(data)?, header.num_points, found.try_map(column)?, tick)
+            Table::new(header.exactly(data)?, header.num_points, indices.try_map(column)?, tick)
         }
         Encoding::Compressed => {
             let column = |index| header.column_of_blocks(index);
             limit.check_bytes(header.data_bytes()? as u64)?;
-            Table::new(header.unpack(data)?, header.num_points, found.try_map(column)?, tick)
+            Table::new(header.unpack(data)?, header.num_points, indices.try_map(column)?, tick)
         }
     }
 }
@@ -64,7 +65,7 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
 /// Unpacked size of the data, if they are compressed and the file starts with a header of usual length.
 pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
     let mut start = Vec::new();
-    Opened::open(path)
+    OpenFile::open(path)
         .ok()?
         .parse(|stream| Ok(stream.take(HEADER_BYTES).read_to_end(&mut start)))
         .ok()?
@@ -74,16 +75,16 @@ pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
 }
 
 impl Field {
-    fn scalar(&self) -> Parsed<Scalar> {
+    fn scalar(&self) -> ParseResult<Scalar> {
         let kind = match self.kind.as_str() {
-            "F" => Some(Kind::Float),
-            "I" => Some(Kind::Signed),
-            "U" => Some(Kind::Unsigned),
+            "F" => Some(NumberKind::Float),
+            "I" => Some(NumberKind::Signed),
+            "U" => Some(NumberKind::Unsigned),
             _ => None,
         };
         let scalar = kind.and_then(|kind| Scalar::new(kind, self.size)).filter(|_| self.count == 1);
         scalar.ok_or_else(|| {
-            let (name, kind) = (shown(self.name.as_bytes()), shown(self.kind.as_bytes()));
+            let (name, kind) = (quoted(self.name.as_bytes()), quoted(self.kind.as_bytes()));
             let found = format!("TYPE {kind} SIZE {} COUNT {}", self.size, self.count);
             format!("field {name} is {found}, needs one float or integer of a usual size")
         })
@@ -92,25 +93,25 @@ impl Field {
 
 impl Header {
     /// Number of bytes of the first `num_fields` fields of a point.
-    fn record_bytes(&self, num_fields: usize) -> Parsed<usize> {
+    fn record_bytes(&self, num_fields: usize) -> ParseResult<usize> {
         let bytes = self.fields.iter().take(num_fields).try_fold(0usize, |sum, field| {
             field.size.checked_mul(field.count).and_then(|x| sum.checked_add(x))
         });
         bytes.ok_or_else(|| "has fields too large for any memory".into())
     }
 
-    fn data_bytes(&self) -> Parsed<usize> {
+    fn data_bytes(&self) -> ParseResult<usize> {
         let record_bytes = self.record_bytes(self.fields.len())?;
         let bytes = record_bytes.checked_mul(self.num_points);
         bytes.ok_or_else(|| format!("cannot hold {} points of {record_bytes} bytes", self.num_points))
     }
 
-    fn column_of_records(&self, index: usize) -> Parsed<Column> {
+    fn column_of_records(&self, index: usize) -> ParseResult<Column> {
         let (offset, stride) = (self.record_bytes(index)?, self.record_bytes(self.fields.len())?);
         Ok(Column::little_endian(offset, stride, self.fields[index].scalar()?))
     }
 
-    fn column_of_blocks(&self, index: usize) -> Parsed<Column> {
+    fn column_of_blocks(&self, index: usize) -> ParseResult<Column> {
         let scalar = self.fields[index].scalar()?;
         let offset = self.record_bytes(index)?.checked_mul(self.num_points);
         let offset = offset.ok_or("has fields too large for any memory")?;
@@ -118,7 +119,7 @@ impl Header {
     }
 
     /// The data, if they are those of all points with at most a few bytes more, or padding.
-    fn exactly<'a>(&self, data: &'a [u8]) -> Parsed<&'a [u8]> {
+    fn exactly<'a>(&self, data: &'a [u8]) -> ParseResult<&'a [u8]> {
         let (needed, record_bytes) = (self.data_bytes()?, self.record_bytes(self.fields.len())?);
         let is_padded = |rest: &[u8]| rest.len() < record_bytes || rest.iter().all(|&byte| byte == 0);
         if !data.get(needed..).is_some_and(is_padded) {
@@ -128,7 +129,7 @@ impl Header {
         Ok(data)
     }
 
-    fn unpack(&self, data: &[u8]) -> Parsed<Vec<u8>> {
+    fn unpack(&self, data: &[u8]) -> ParseResult<Vec<u8>> {
         let needed = self.data_bytes()?;
         let (sizes, stream) = data.split_first_chunk::<8>().ok_or("ends before its data")?;
         let [a, b, c, d, e, f, g, h] = *sizes;
@@ -156,7 +157,7 @@ struct Lines {
 }
 
 /// The header, and the bytes that follow it.
-fn parse_header(bytes: &[u8]) -> Parsed<(Header, &[u8])> {
+fn parse_header(bytes: &[u8]) -> ParseResult<(Header, &[u8])> {
     let mut lines = Lines::default();
     let mut rest = bytes;
     while let Some(end) = rest.iter().position(|&b| b == b'\n') {
@@ -172,8 +173,8 @@ fn parse_header(bytes: &[u8]) -> Parsed<(Header, &[u8])> {
 
 impl Lines {
     /// Parses one line; the last one gives the encoding of the data.
-    fn take(&mut self, line: &[u8]) -> Parsed<Option<Encoding>> {
-        let unknown = || format!("header line '{}' is not known", shown(line));
+    fn take(&mut self, line: &[u8]) -> ParseResult<Option<Encoding>> {
+        let unknown = || format!("header line '{}' is not known", quoted(line));
         let text = std::str::from_utf8(line).map_err(|_| unknown())?;
         let mut words = text.split_ascii_whitespace();
         let key = words.next().unwrap_or_default();
@@ -194,7 +195,7 @@ impl Lines {
         Ok(None)
     }
 
-    fn header(self, encoding: Encoding) -> Parsed<Header> {
+    fn header(self, encoding: Encoding) -> ParseResult<Header> {
         let (num_points, n) = (self.num_points()?, self.fields.len());
         let kinds = self.kinds.unwrap_or_else(|| vec!["F".into(); n]);
         let sizes = self.sizes.unwrap_or_else(|| vec![4; n]);
@@ -210,7 +211,7 @@ impl Lines {
         Ok(Header { fields, num_points, encoding })
     }
 
-    fn num_points(&self) -> Parsed<usize> {
+    fn num_points(&self) -> ParseResult<usize> {
         let area = self.width.map(|width| width.checked_mul(self.height.unwrap_or(1)));
         match (self.points, area) {
             (Some(points), None) => Ok(points),
@@ -225,10 +226,10 @@ impl Lines {
     }
 }
 
-fn check_version(values: &[&str]) -> Parsed<()> {
+fn check_version(values: &[&str]) -> ParseResult<()> {
     match values {
         ["0.5" | ".5" | "0.6" | ".6" | "0.7" | ".7"] => Ok(()),
-        _ => Err(format!("has version '{}', needs 0.5, 0.6 or 0.7", shown(values.join(" ").as_bytes()))),
+        _ => Err(format!("has version '{}', needs 0.5, 0.6 or 0.7", quoted(values.join(" ").as_bytes()))),
     }
 }
 
@@ -245,14 +246,14 @@ fn owned(values: &[&str]) -> Vec<String> {
     values.iter().map(|&value| value.to_owned()).collect()
 }
 
-fn numbers(line: &[u8], values: &[&str]) -> Parsed<Vec<usize>> {
+fn numbers(line: &[u8], values: &[&str]) -> ParseResult<Vec<usize>> {
     let numbers: Result<Vec<usize>, _> = values.iter().map(|value| value.parse()).collect();
-    numbers.map_err(|_| format!("header line '{}' needs whole numbers", shown(line)))
+    numbers.map_err(|_| format!("header line '{}' needs whole numbers", quoted(line)))
 }
 
-fn number(line: &[u8], values: &[&str]) -> Parsed<usize> {
+fn number(line: &[u8], values: &[&str]) -> ParseResult<usize> {
     match numbers(line, values)?[..] {
         [number] => Ok(number),
-        _ => Err(format!("header line '{}' needs one number", shown(line))),
+        _ => Err(format!("header line '{}' needs one number", quoted(line))),
     }
 }

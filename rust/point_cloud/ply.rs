@@ -1,11 +1,13 @@
-//! Stanford's `.ply`: `ascii` and both binary orders, elements in any order, lists skipped; points are the element `vertex`.
+//! Stanford's `.ply`: `ascii` and both binary orders, elements in any order, lists skipped; points are the element
+//! `vertex`.
 //!
-//! Source: Greg Turk, *The PLY Polygon File Format*, 1994; the types' later names (`float32`) are those of Rply and PCL.
+//! Source: Greg Turk, *The PLY Polygon File Format*, 1994; the types' later names (`float32`) are those of Rply and
+//! PCL.
 
-use super::ascii::{self, Line, Token};
-use super::column::{Column, Kind, Scalar};
+use super::ascii::{self, TextLine, Token};
+use super::column::{Column, NumberKind, Scalar};
 use super::fields::{find, seconds_per_tick};
-use super::limit::{Limit, Parsed, shown};
+use super::limit::{Limit, ParseResult, quoted};
 use super::table::Table;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -33,7 +35,7 @@ enum Layout {
     List(Scalar, Scalar),
 }
 
-pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
+pub(super) fn parse(bytes: &[u8], limit: Limit) -> ParseResult<Table<'_>> {
     let (encoding, elements, mut data) = parse_header(bytes)?;
     for element in &elements {
         if element.is_vertex {
@@ -46,19 +48,19 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
 }
 
 impl Element {
-    fn vertices<'a>(&self, encoding: Encoding, data: &'a [u8]) -> Parsed<Table<'a>> {
+    fn vertices<'a>(&self, encoding: Encoding, data: &'a [u8]) -> ParseResult<Table<'a>> {
         // A list has no name to look up.
         let names: Vec<&str> =
             self.properties.iter().map(|p| if p.scalar().is_some() { &*p.name } else { "" }).collect();
-        let found = find(&names)?;
+        let indices = find(&names)?;
         let scalar = |index: usize| self.properties[index].scalar();
-        let tick = found.time.and_then(scalar).map_or(1.0, seconds_per_tick);
+        let tick = indices.time.and_then(scalar).map_or(1.0, seconds_per_tick);
         if encoding == Encoding::Ascii {
             let tokens = self.properties.iter().map(Property::token).collect();
-            return ascii::parse(data, self.count, tokens, found, tick);
+            return ascii::parse(data, self.count, tokens, indices, tick);
         }
         let stride = self.scalar_bytes(self.properties.len());
-        let columns = found.try_map(|index| {
+        let columns = indices.try_map(|index| {
             let scalar = scalar(index).ok_or("has a list where a number is needed")?;
             let is_big_endian = encoding == Encoding::BigEndian;
             Ok::<_, String>(Column { offset: self.scalar_bytes(index), stride, scalar, is_big_endian })
@@ -71,9 +73,9 @@ impl Element {
     }
 
     /// Skips this element, and returns the data that follow it.
-    fn skip<'a>(&self, encoding: Encoding, mut data: &'a [u8]) -> Parsed<&'a [u8]> {
+    fn skip<'a>(&self, encoding: Encoding, mut data: &'a [u8]) -> ParseResult<&'a [u8]> {
         if encoding == Encoding::Ascii {
-            let mut lines = Line(data);
+            let mut lines = TextLine(data);
             return match (0..self.count).all(|_| lines.skip_line()) {
                 true => Ok(lines.0),
                 false => Err(self.ends_early()),
@@ -90,7 +92,7 @@ impl Element {
     }
 
     /// The vertices' bytes without those of lists.
-    fn without_lists(&self, encoding: Encoding, mut data: &[u8]) -> Parsed<Vec<u8>> {
+    fn without_lists(&self, encoding: Encoding, mut data: &[u8]) -> ParseResult<Vec<u8>> {
         let mut packed = Vec::new();
         for _ in 0..self.count {
             let walked = self.walk(encoding, data, |scalar| packed.extend_from_slice(scalar));
@@ -118,7 +120,7 @@ impl Element {
         Some(data)
     }
 
-    fn check_records(&self, data: &[u8], record_bytes: usize) -> Parsed<usize> {
+    fn check_records(&self, data: &[u8], record_bytes: usize) -> ParseResult<usize> {
         let needed = record_bytes.checked_mul(self.count).filter(|&needed| needed <= data.len());
         needed.ok_or_else(|| {
             let promise = format!("{} elements of {record_bytes} bytes", self.count);
@@ -164,7 +166,7 @@ fn list_length(encoding: Encoding, scalar: Scalar, value: &[u8]) -> Option<usize
 }
 
 /// The encoding of the data, the elements in their order, and the data.
-fn parse_header(bytes: &[u8]) -> Parsed<(Encoding, Vec<Element>, &[u8])> {
+fn parse_header(bytes: &[u8]) -> ParseResult<(Encoding, Vec<Element>, &[u8])> {
     let mut rest = bytes;
     let (mut encoding, mut elements) = (None, Vec::new());
     for index in 0.. {
@@ -174,7 +176,7 @@ fn parse_header(bytes: &[u8]) -> Parsed<(Encoding, Vec<Element>, &[u8])> {
         if index == 0 && line != b"ply" {
             break;
         }
-        let unknown = || format!("header line '{}' is not known", shown(line));
+        let unknown = || format!("header line '{}' is not known", quoted(line));
         let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
         match words[..] {
             [b"ply"] if index == 0 => {}
@@ -217,16 +219,16 @@ fn parse_property(words: &[&[u8]]) -> Option<Property> {
 
 fn parse_scalar(name: &[u8]) -> Option<Scalar> {
     let (kind, size) = match name {
-        b"char" | b"int8" => (Kind::Signed, 1),
-        b"short" | b"int16" => (Kind::Signed, 2),
-        b"int" | b"int32" => (Kind::Signed, 4),
-        b"int64" => (Kind::Signed, 8),
-        b"uchar" | b"uint8" => (Kind::Unsigned, 1),
-        b"ushort" | b"uint16" => (Kind::Unsigned, 2),
-        b"uint" | b"uint32" => (Kind::Unsigned, 4),
-        b"uint64" => (Kind::Unsigned, 8),
-        b"float" | b"float32" => (Kind::Float, 4),
-        b"double" | b"float64" => (Kind::Float, 8),
+        b"char" | b"int8" => (NumberKind::Signed, 1),
+        b"short" | b"int16" => (NumberKind::Signed, 2),
+        b"int" | b"int32" => (NumberKind::Signed, 4),
+        b"int64" => (NumberKind::Signed, 8),
+        b"uchar" | b"uint8" => (NumberKind::Unsigned, 1),
+        b"ushort" | b"uint16" => (NumberKind::Unsigned, 2),
+        b"uint" | b"uint32" => (NumberKind::Unsigned, 4),
+        b"uint64" => (NumberKind::Unsigned, 8),
+        b"float" | b"float32" => (NumberKind::Float, 4),
+        b"double" | b"float64" => (NumberKind::Float, 8),
         _ => return None,
     };
     Scalar::new(kind, size)

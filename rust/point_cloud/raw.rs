@@ -9,15 +9,15 @@ use std::path::Path;
 
 use super::column::{Column, Scalar};
 use super::fields::Fields;
-use super::limit::{Limit, Parsed};
+use super::limit::{Limit, ParseResult};
 use super::npy;
-use super::table::{Table, Values};
+use super::table::{EntryValues, Table};
+use crate::array_file::MAX_HEADER_BYTES;
 use crate::error::{Error, Result};
 use crate::file::{check_bytes, extension};
-use crate::npy::LONGEST_HEADER;
 
 /// 4 or 5 float32 columns.
-pub(super) fn parse(bytes: &[u8], num_columns: usize, limit: Limit) -> Parsed<Table<'_>> {
+pub(super) fn parse(bytes: &[u8], num_columns: usize, limit: Limit) -> ParseResult<Table<'_>> {
     let num_records = count_records(bytes, 4 * num_columns)?;
     limit.check_points(num_records)?;
     let column = |index: usize| Column::little_endian(4 * index, 4 * num_columns, Scalar::F32);
@@ -32,7 +32,7 @@ pub(super) fn parse(bytes: &[u8], num_columns: usize, limit: Limit) -> Parsed<Ta
 }
 
 /// Number of records of a given size, which must be an integer.
-pub(super) fn count_records(bytes: &[u8], record_bytes: usize) -> Parsed<usize> {
+pub(super) fn count_records(bytes: &[u8], record_bytes: usize) -> ParseResult<usize> {
     if bytes.len().is_multiple_of(record_bytes) {
         Ok(bytes.len() / record_bytes)
     } else {
@@ -49,7 +49,7 @@ pub(super) fn check_size(path: &Path, size: u64, num_points: usize, points: &Pat
         "label" => 4,
         "bin" => 1,
         _ => {
-            let limit = num_points.saturating_mul(MAX_ITEM_BYTES).saturating_add(LONGEST_HEADER + 12);
+            let limit = num_points.saturating_mul(MAX_ITEM_BYTES).saturating_add(MAX_HEADER_BYTES + 12);
             let needed_for = format!(" for the {num_points} points of {}", points.display());
             return check_bytes(size, limit as u64, &needed_for).map_err(|reason| Error::file(path, reason));
         }
@@ -68,10 +68,12 @@ pub(super) fn check_count(path: &Path, found: usize, needed: usize, points: &Pat
     Err(Error::file(path, format!("{found} labels for the {needed} points of {}", points.display())))
 }
 
-pub(super) fn parse_labels<'a>(path: &Path, bytes: &'a [u8]) -> Parsed<Values<'a>> {
+pub(super) fn parse_labels<'a>(path: &Path, bytes: &'a [u8]) -> ParseResult<EntryValues<'a>> {
     match extension(path).as_str() {
-        "label" => Values::new(bytes, count_records(bytes, 4)?, Column::little_endian(0, 4, Scalar::U16)),
-        "bin" => Values::new(bytes, bytes.len(), Column::little_endian(0, 1, Scalar::U8)),
+        "label" => {
+            EntryValues::new(bytes, count_records(bytes, 4)?, Column::little_endian(0, 4, Scalar::U16))
+        }
+        "bin" => EntryValues::new(bytes, bytes.len(), Column::little_endian(0, 1, Scalar::U8)),
         "npy" => npy::parse_values(bytes),
         other => Err(format!("label format '{other}' is not known, needs .label, .bin, .npy or .npz")),
     }

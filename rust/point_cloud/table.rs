@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use super::PointCloud;
 use super::column::{Column, Scalar};
 use super::fields::Fields;
-use super::limit::Parsed;
+use super::limit::ParseResult;
 
 /// Columns of a cloud, over the bytes of its file or bytes unpacked from it.
 #[derive(Debug)]
@@ -18,21 +18,21 @@ pub(super) struct Table<'a> {
 
 /// One number for each entry of a cloud, no-returns included, such as its class id.
 #[derive(Debug)]
-pub(super) struct Values<'a> {
+pub(super) struct EntryValues<'a> {
     bytes: Cow<'a, [u8]>,
     num_records: usize,
     column: Column,
 }
 
 /// The entries of a file that are returns.
-pub(super) struct Returns {
+pub(super) struct ReturnMask {
     keep: Vec<bool>,
     count: usize,
 }
 
 /// Times beyond this are nanoseconds, as Livox' driver writes them to a float64: in seconds it would be 30 million
 /// years.
-const LARGEST_TIME_S: f64 = 1e15;
+const MAX_TIME_S: f64 = 1e15;
 
 impl<'a> Table<'a> {
     pub(super) fn new(
@@ -40,7 +40,7 @@ impl<'a> Table<'a> {
         num_records: usize,
         columns: Fields<Column>,
         seconds_per_tick: f64,
-    ) -> Parsed<Self> {
+    ) -> ParseResult<Self> {
         let bytes = bytes.into();
         columns.iter().try_for_each(|column| column.check(num_records, bytes.len()))?;
         Ok(Self { bytes, num_records, columns, seconds_per_tick })
@@ -51,7 +51,7 @@ impl<'a> Table<'a> {
     }
 
     /// Appends the bytes of another column, and returns its new place.
-    pub(super) fn join(&mut self, values: &Values<'_>) -> Parsed<Column> {
+    pub(super) fn join(&mut self, values: &EntryValues<'_>) -> ParseResult<Column> {
         if values.num_records != self.num_records {
             return Err(format!("has {} values for {} points", values.num_records, self.num_records));
         }
@@ -65,13 +65,13 @@ impl<'a> Table<'a> {
     }
 
     /// The class ids stored in the cloud itself.
-    pub(super) fn labels(&self) -> Option<Values<'_>> {
+    pub(super) fn labels(&self) -> Option<EntryValues<'_>> {
         let (bytes, num_records) = (Cow::Borrowed(&*self.bytes), self.num_records);
-        self.columns.label.map(|column| Values { bytes, num_records, column })
+        self.columns.label.map(|column| EntryValues { bytes, num_records, column })
     }
 
     /// Decodes everything but labels, without entries that are not finite or all zero.
-    pub(super) fn decode(&self) -> (PointCloud, Returns) {
+    pub(super) fn decode(&self) -> (PointCloud, ReturnMask) {
         let (points, returns) = self.returns();
         let cloud = PointCloud {
             num_no_returns: self.num_records - returns.count,
@@ -86,7 +86,7 @@ impl<'a> Table<'a> {
         (cloud, returns)
     }
 
-    fn returns(&self) -> (Vec<[f32; 3]>, Returns) {
+    fn returns(&self) -> (Vec<[f32; 3]>, ReturnMask) {
         let (bytes, n) = (&*self.bytes, self.num_records);
         let [x, y, z] = &self.columns.xyz;
         if self.columns.xyz.iter().all(|c| c.scalar == Scalar::F32 && !c.is_big_endian) {
@@ -101,17 +101,21 @@ impl<'a> Table<'a> {
         select_returns(f(x).zip(f(y)).zip(f(z)).map(|((x, y), z)| [x, y, z]), n)
     }
 
-    fn seconds(&self, column: &Column, returns: &Returns) -> Vec<f64> {
+    fn seconds(&self, column: &Column, returns: &ReturnMask) -> Vec<f64> {
         let seconds = |time: f64| {
             let time_s = time * self.seconds_per_tick;
-            if time_s.abs() > LARGEST_TIME_S { time_s * 1e-9 } else { time_s }
+            if time_s.abs() > MAX_TIME_S { time_s * 1e-9 } else { time_s }
         };
         returns.gather(column, &self.bytes, seconds)
     }
 }
 
-impl<'a> Values<'a> {
-    pub(super) fn new(bytes: impl Into<Cow<'a, [u8]>>, num_records: usize, column: Column) -> Parsed<Self> {
+impl<'a> EntryValues<'a> {
+    pub(super) fn new(
+        bytes: impl Into<Cow<'a, [u8]>>,
+        num_records: usize,
+        column: Column,
+    ) -> ParseResult<Self> {
         let bytes = bytes.into();
         column.check(num_records, bytes.len())?;
         Ok(Self { bytes, num_records, column })
@@ -122,13 +126,13 @@ impl<'a> Values<'a> {
     }
 
     /// The ids of the returns.
-    pub(super) fn ids(&self, returns: &Returns) -> Parsed<Vec<u16>> {
+    pub(super) fn ids(&self, returns: &ReturnMask) -> ParseResult<Vec<u16>> {
         whole_numbers(&self.column, &self.bytes, returns)
             .map_err(|value| format!("holds the label {value}, a class id is an integer from 0 to 65535"))
     }
 }
 
-impl Returns {
+impl ReturnMask {
     pub(super) fn keep(&self) -> &[bool] {
         &self.keep
     }
@@ -154,7 +158,7 @@ impl Returns {
     }
 }
 
-fn select_returns(points: impl Iterator<Item = [f32; 3]>, num_records: usize) -> (Vec<[f32; 3]>, Returns) {
+fn select_returns(points: impl Iterator<Item = [f32; 3]>, num_records: usize) -> (Vec<[f32; 3]>, ReturnMask) {
     let mut keep = Vec::with_capacity(num_records);
     let pairs = points.map(|point| {
         let is_return = is_return(point);
@@ -163,7 +167,7 @@ fn select_returns(points: impl Iterator<Item = [f32; 3]>, num_records: usize) ->
     });
     let kept = compact(pairs, num_records);
     let count = kept.len();
-    (kept, Returns { keep, count })
+    (kept, ReturnMask { keep, count })
 }
 
 fn is_return([x, y, z]: [f32; 3]) -> bool {
@@ -184,7 +188,7 @@ fn compact<T: Copy + Default>(pairs: impl Iterator<Item = (T, bool)>, capacity: 
     kept
 }
 
-fn floats(column: &Column, bytes: &[u8], returns: &Returns) -> Vec<f32> {
+fn floats(column: &Column, bytes: &[u8], returns: &ReturnMask) -> Vec<f32> {
     match (column.scalar, column.is_big_endian) {
         (Scalar::F32, false) => returns.take(column, bytes, f32::from_le_bytes),
         _ => returns.gather(column, bytes, |value| value as f32),
@@ -192,7 +196,7 @@ fn floats(column: &Column, bytes: &[u8], returns: &Returns) -> Vec<f32> {
 }
 
 /// The values of the returns, or the first that is not an integer from 0 to 65535.
-fn whole_numbers(column: &Column, bytes: &[u8], returns: &Returns) -> Result<Vec<u16>, f64> {
+fn whole_numbers(column: &Column, bytes: &[u8], returns: &ReturnMask) -> Result<Vec<u16>, f64> {
     match (column.scalar, column.is_big_endian) {
         (Scalar::U8, _) => return Ok(returns.take(column, bytes, |[byte]| u16::from(byte))),
         (Scalar::U16, false) => return Ok(returns.take(column, bytes, u16::from_le_bytes)),

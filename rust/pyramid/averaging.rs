@@ -84,7 +84,7 @@ pub(super) fn averaged_classes(image: &LabelImage<u8>, only: &[u8], factor: usiz
     blocks
 }
 
-/// The same for class shares of each pixel from a network.
+/// Averages class shares of each pixel, given by a network, over blocks.
 pub(super) fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> Averaged {
     let (columns, rows) = (image.width / factor, image.height / factor);
     let (mut blocks, mut tally) = (Averaged::of(rows * columns), Tally::default());

@@ -97,9 +97,9 @@ impl ShareMap {
         Self::averaged(image, factor, averaged_classes(image, finest.blocks.only(), factor))
     }
 
-    /// The same for class shares of each pixel from a network. There is no band, since the shares themselves
-    /// express the uncertainty of a border (with a band, labels blurred by 5 pixels ended at 0.06 instead of 0.03
-    /// degrees).
+    /// The mean class shares of blocks, where a network gave class shares of each pixel. There is no band, since the
+    /// shares themselves express the uncertainty of a border (with a band, labels blurred by 5 pixels ended at 0.06
+    /// instead of 0.03 degrees).
     pub fn of_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> Self {
         Self::averaged(image, factor, averaged_shares(image, shares, factor))
     }
@@ -146,7 +146,7 @@ impl ShareMap {
     }
 
     /// Whether a pixel is among blocks of one class that extend at least `radius` blocks to each side of it.
-    pub fn is_amid_one_class(&self, pixel: &Point2<f64>, radius: usize) -> bool {
+    pub fn is_inside_one_class(&self, pixel: &Point2<f64>, radius: usize) -> bool {
         let span = |pixel: f64, count: usize| {
             let first = self.between(pixel, count).0;
             first.saturating_sub(radius)..(first + radius + 2).min(count)

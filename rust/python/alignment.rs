@@ -1,5 +1,6 @@
 //! Agreement at a pose, and mutual information over SE(3): ascent, polish and sensitivity.
 
+use geometry::camera::{Camera, Intrinsic};
 use nalgebra::{DMatrix, Vector6};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -8,12 +9,13 @@ use super::arrays::{Pose, matrix_6x6};
 use super::calls::{detached, value_error};
 use super::configs::PolishConfig;
 use super::observations::PyObservations;
-use crate::agreement::{HeldOut, HeldOutGain, held_out_gain as measure_gain, measure as measure_agreement};
-use crate::alignment::{
-    self, AlignmentConfig, Ascended, Counted, JointConfig, JointMaximum, MAX_VARIABLES, Sensitivity,
-    SensitivityConfig, Variables, Way,
+use crate::agreement::{
+    HeldOut, InformationGain, held_out_gain as measure_gain, measure as measure_agreement,
 };
-use crate::camera::{Camera, Intrinsic};
+use crate::alignment::{
+    self, AlignmentConfig, Ascended, Counted, JointConfig, JointMaximum, Line, MAX_VARIABLES, Sensitivity,
+    SensitivityConfig, Variables,
+};
 use crate::observation::Observations;
 
 #[pyclass(name = "Agreement", frozen, get_all)]
@@ -29,24 +31,24 @@ pub(super) struct PyAgreement {
     frame_joints: Py<PyArray3<f64>>,
 }
 
-#[pyclass(name = "HeldOutGain", frozen, get_all)]
-pub(super) struct PyHeldOutGain {
+#[pyclass(name = "InformationGain", frozen, get_all)]
+pub(super) struct PyInformationGain {
     gain: f64,
     sigma: f64,
 }
 
 #[pymethods]
-impl PyHeldOutGain {
+impl PyInformationGain {
     /// The sum of the gains of independent parts, with its standard error.
     #[staticmethod]
     fn of_parts(gains: Vec<f64>) -> Self {
-        HeldOutGain::of_parts(gains).into()
+        InformationGain::of_parts(gains).into()
     }
 }
 
-impl From<HeldOutGain> for PyHeldOutGain {
-    fn from(found: HeldOutGain) -> Self {
-        Self { gain: found.gain, sigma: found.sigma }
+impl From<InformationGain> for PyInformationGain {
+    fn from(gain: InformationGain) -> Self {
+        Self { gain: gain.gain, sigma: gain.sigma }
     }
 }
 
@@ -56,21 +58,21 @@ pub(super) fn agreement(
     observations: &PyObservations,
     t_camera_lidar: Pose,
 ) -> PyResult<PyAgreement> {
-    let found = detached(|| measure_agreement(&observations.0, &t_camera_lidar.0));
+    let measured = detached(|| measure_agreement(&observations.0, &t_camera_lidar.0));
     let shape = [observations.0.num_point_classes, observations.0.num_image_classes];
-    let joint = PyArray1::from_slice(py, &found.joint.weights).reshape(shape)?;
+    let joint = PyArray1::from_slice(py, &measured.joint.weights).reshape(shape)?;
     let of_frames: Vec<f64> =
-        found.frame_joints.iter().flat_map(|frame| frame.weights.iter().copied()).collect();
+        measured.frame_joints.iter().flat_map(|frame| frame.weights.iter().copied()).collect();
     let frame_joints =
-        PyArray1::from_vec(py, of_frames).reshape([found.frame_joints.len(), shape[0], shape[1]])?;
+        PyArray1::from_vec(py, of_frames).reshape([measured.frame_joints.len(), shape[0], shape[1]])?;
     Ok(PyAgreement {
-        mutual_information: found.joint.mutual_information(),
-        bias: found.joint.bias(),
-        sigma: found.sigma,
-        label_agreement: found.label_agreement(),
-        overlap: found.overlap,
-        num_inside: found.num_inside,
-        num_hidden: found.num_hidden,
+        mutual_information: measured.joint.mutual_information(),
+        bias: measured.joint.bias(),
+        sigma: measured.sigma,
+        label_agreement: measured.label_agreement(),
+        overlap: measured.overlap,
+        num_inside: measured.num_inside,
+        num_hidden: measured.num_hidden,
         joint: joint.unbind(),
         frame_joints: frame_joints.unbind(),
     })
@@ -84,7 +86,7 @@ pub(super) fn held_out_gain(
     before: Pose,
     after: Pose,
     seen_after: Option<(PyRef<'_, PyObservations>, PyRef<'_, PyObservations>)>,
-) -> PyResult<PyHeldOutGain> {
+) -> PyResult<PyInformationGain> {
     let (observations, held_out) = (&observations.0, &held_out.0);
     let seen = seen_after.as_ref().map(|(observations, held_out)| (&observations.0, &held_out.0));
     let (observations_after, held_out_after) = seen.unwrap_or((observations, held_out));
@@ -92,7 +94,7 @@ pub(super) fn held_out_gain(
         |observations: &Observations| (observations.num_point_classes, observations.num_image_classes);
     if [held_out, observations_after, held_out_after]
         .iter()
-        .any(|each| num_classes(each) != num_classes(observations))
+        .any(|observations_after| num_classes(observations_after) != num_classes(observations))
     {
         return Err(value_error("the held-out observations have other numbers of classes"));
     }
@@ -137,21 +139,21 @@ pub(super) struct PySensitivity {
 }
 
 impl PySensitivity {
-    fn new(py: Python<'_>, found: &Sensitivity) -> PyResult<Self> {
+    fn new(py: Python<'_>, sensitivity: &Sensitivity) -> PyResult<Self> {
         let array = |matrix| to_matrix(py, matrix);
-        let n = found.curvature.nrows();
+        let n = sensitivity.curvature.nrows();
         let arrays = |matrices: &[DMatrix<f64>]| {
             let entries: Vec<f64> = matrices.iter().flat_map(rows_of).collect();
             entries.into_pyarray(py).reshape([matrices.len(), n, n]).map(Bound::unbind)
         };
-        let parts = found.parts.as_flattened().to_vec().into_pyarray(py);
+        let parts = sensitivity.parts.as_flattened().to_vec().into_pyarray(py);
         Ok(Self {
-            curvature: array(&found.curvature)?,
-            scores: array(&found.scores)?,
-            motions: array(&found.motions)?,
-            parts: parts.reshape([found.parts.len(), 4])?.unbind(),
-            frame_curvatures: arrays(&found.frame_curvatures)?,
-            class_curvatures: arrays(&found.class_curvatures)?,
+            curvature: array(&sensitivity.curvature)?,
+            scores: array(&sensitivity.scores)?,
+            motions: array(&sensitivity.motions)?,
+            parts: parts.reshape([sensitivity.parts.len(), 4])?.unbind(),
+            frame_curvatures: arrays(&sensitivity.frame_curvatures)?,
+            class_curvatures: arrays(&sensitivity.class_curvatures)?,
         })
     }
 }
@@ -193,14 +195,14 @@ pub(super) fn align(
 ) -> PyResult<Vec<PyAligned>> {
     check_factor(factor, &observations.0.camera)?;
     let (starts, counted): (Vec<_>, _) = (poses.iter().map(|pose| pose.0).collect(), counted(visible_only));
-    let found = detached(|| alignment::align(&observations.0, &starts, factor, counted, &config, seed));
+    let ends = detached(|| alignment::align(&observations.0, &starts, factor, counted, &config, seed));
     let aligned = |(Ascended { pose, drift, num_points }, mutual_information)| PyAligned {
         t_camera_lidar: Pose(pose),
         mutual_information,
         num_points,
         drift,
     };
-    Ok(found.into_iter().map(aligned).collect())
+    Ok(ends.into_iter().map(aligned).collect())
 }
 
 #[pyfunction]
@@ -216,7 +218,7 @@ pub(super) fn polish(
     let (start, pose_alone) = (t_camera_lidar.0, Variables::default());
     let JointMaximum { estimate, moved_px, inverse_curvature } =
         detached(|| alignment::maximise(&observations.0, &start, &pose_alone, known, &config.into()))?;
-    let inverse_curvature = inverse_curvature.map(|found| to_matrix(py, &found)).transpose()?;
+    let inverse_curvature = inverse_curvature.map(|matrix| to_matrix(py, &matrix)).transpose()?;
     Ok(PyPolished { t_camera_lidar: Pose(estimate.pose), moved_px, inverse_curvature })
 }
 
@@ -232,8 +234,9 @@ pub(super) fn sensitivity(
 ) -> PyResult<Option<PySensitivity>> {
     check_factor(config.factor, &observations.0.camera)?;
     let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
-    let found = detached(|| alignment::sensitivity(&observations.0, &t_camera_lidar.0, &variables, &config));
-    found.map(|found| PySensitivity::new(py, &found)).transpose()
+    let sensitivity =
+        detached(|| alignment::sensitivity(&observations.0, &t_camera_lidar.0, &variables, &config));
+    sensitivity.map(|sensitivity| PySensitivity::new(py, &sensitivity)).transpose()
 }
 
 #[pyclass(name = "JointMaximum", frozen, get_all)]
@@ -263,8 +266,8 @@ pub(super) fn maximise(
     }
     let JointMaximum { estimate, moved_px, .. } =
         detached(|| alignment::maximise(&observations.0, &t_camera_lidar.0, &variables, None, &config))?;
-    let value = |camera: &Camera, each: &Intrinsic| camera.intrinsic(*each).unwrap_or(0.0);
-    let change = |each: &Intrinsic| value(&estimate.camera, each) - value(camera, each);
+    let value = |camera: &Camera, intrinsic: &Intrinsic| camera.intrinsic(*intrinsic).unwrap_or(0.0);
+    let change = |intrinsic: &Intrinsic| value(&estimate.camera, intrinsic) - value(camera, intrinsic);
     Ok(PyJointMaximum {
         t_camera_lidar: Pose(estimate.pose),
         changes: variables.intrinsics.iter().map(change).collect(),
@@ -289,8 +292,9 @@ fn variables(
     twists_per_s: Option<Vec<[f64; 6]>>,
 ) -> PyResult<Variables> {
     let named = |name: &String| {
-        let found = Intrinsic::of(name).filter(|&each| observations.camera.intrinsic(each).is_some());
-        found.ok_or_else(|| value_error(format!("the camera has no intrinsic {name}")))
+        let intrinsic =
+            Intrinsic::of(name).filter(|&intrinsic| observations.camera.intrinsic(intrinsic).is_some());
+        intrinsic.ok_or_else(|| value_error(format!("the camera has no intrinsic {name}")))
     };
     let twists: Option<Vec<Vector6<f64>>> =
         twists_per_s.map(|twists| twists.into_iter().map(Into::into).collect());
@@ -322,21 +326,17 @@ pub(super) fn counted(visible_only: bool) -> Counted {
 pub(super) fn information_along(
     observations: &PyObservations,
     anchor: Pose,
-    ways: Vec<([f64; 6], Vec<f64>)>,
+    lines: Vec<([f64; 6], Vec<f64>)>,
 ) -> Vec<Vec<f64>> {
-    let way = |(twist, offsets): ([f64; 6], Vec<f64>)| Way { twist: twist.into(), offsets };
-    let ways: Vec<Way> = ways.into_iter().map(way).collect();
-    detached(|| alignment::information_along(&observations.0, &anchor.0, &ways))
+    let line = |(twist, offsets): ([f64; 6], Vec<f64>)| Line { twist: twist.into(), offsets };
+    let lines: Vec<Line> = lines.into_iter().map(line).collect();
+    detached(|| alignment::information_along(&observations.0, &anchor.0, &lines))
 }
 
 #[pyfunction]
-pub(super) fn information(
-    observations: &PyObservations,
-    t_camera_lidar: Pose,
-    edge_band_px: usize,
-) -> Vec<([u32; 3], f64, f64)> {
-    let found = detached(|| alignment::information(&observations.0, &t_camera_lidar.0, edge_band_px));
-    found.into_iter().map(|(square, found)| (square, found.sum, found.weight)).collect()
+pub(super) fn information(observations: &PyObservations, t_camera_lidar: Pose) -> Vec<([u32; 3], f64, f64)> {
+    let squares = detached(|| alignment::information(&observations.0, &t_camera_lidar.0));
+    squares.into_iter().map(|(square, information)| (square, information.sum, information.weight)).collect()
 }
 
 #[pyfunction]
@@ -344,9 +344,8 @@ pub(super) fn information_gains(
     observations: &PyObservations,
     before: Pose,
     after: Vec<Pose>,
-    edge_band_px: usize,
-) -> Vec<PyHeldOutGain> {
+) -> Vec<PyInformationGain> {
     let after: Vec<_> = after.iter().map(|pose| pose.0).collect();
-    let found = detached(|| alignment::information_gains(&observations.0, &before.0, &after, edge_band_px));
-    found.into_iter().map(PyHeldOutGain::from).collect()
+    let gains = detached(|| alignment::information_gains(&observations.0, &before.0, &after));
+    gains.into_iter().map(PyInformationGain::from).collect()
 }

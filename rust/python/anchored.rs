@@ -17,20 +17,18 @@ pub(super) struct PyAnchoredPoints(pub(super) Anchored);
 #[pymethods]
 impl PyAnchoredPoints {
     #[new]
-    #[pyo3(signature = (observations, anchor, *, factor, edge_band_px, visible_only, max_points=usize::MAX, constant_radius=0))]
+    #[pyo3(signature = (observations, anchor, *, factor, visible_only, max_points=usize::MAX, constant_radius=0))]
     fn new(
         observations: PyRef<'_, PyObservations>,
         anchor: Pose,
         factor: usize,
-        edge_band_px: usize,
         visible_only: bool,
         max_points: usize,
         constant_radius: usize,
     ) -> PyResult<Self> {
         check_factor(factor, &observations.0.camera)?;
         let (seen, counted) = (Arc::clone(&observations.0), counted(visible_only));
-        let choose =
-            || Anchored::new(seen, factor, edge_band_px, max_points, &anchor.0, counted, constant_radius);
+        let choose = || Anchored::new(seen, factor, max_points, &anchor.0, counted, constant_radius);
         Ok(Self(detached(choose)))
     }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use geometry::camera::Camera;
 use nalgebra::Vector3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -9,7 +10,6 @@ use rayon::prelude::*;
 
 use super::arrays::{Array2, Pose, rows, to_array2};
 use super::calls::detached;
-use crate::camera::Camera;
 use crate::error::Result;
 use crate::visibility;
 

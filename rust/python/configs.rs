@@ -3,8 +3,10 @@
 
 use std::fmt::Debug;
 
+use geometry::shutter::{Direction, Shutter};
 use pyo3::conversion::FromPyObjectOwned;
 use pyo3::prelude::*;
+use streets::{Lidar, Pattern};
 
 use super::calls::value_error;
 use crate::alignment::{AlignmentConfig, JointConfig, SensitivityConfig};
@@ -12,8 +14,6 @@ use crate::labelling::Neighbors;
 use crate::registration::RegistrationConfig;
 use crate::segmentation::SegmentationConfig;
 use crate::semantic_distance::DescentConfig;
-use crate::shutter::{Direction, Shutter};
-use crate::world::{Lidar, Pattern};
 use crate::zoom::Zoom;
 
 struct Needs<T> {
@@ -47,27 +47,55 @@ where
     Ok(value)
 }
 
-/// Fills structs from the attributes of a Python object that are named like their fields, and checks them.
+/// A setting whose type is another crate's: only a type of this crate may be made from Python's objects.
+#[derive(Debug)]
+pub(super) struct Foreign<T>(pub T);
+
+fn own<T>(Foreign(value): Foreign<T>) -> T {
+    value
+}
+
+/// Fills structs from the attributes of a Python object that are named like their fields, and checks them. Those of
+/// another crate are filled `in Foreign`.
 /// `step_rad: step_deg => radians` reads a field from an attribute of another name and converts it.
 macro_rules! from_attributes {
-    ($($config:ident { $($field:ident $(: $other:ident $(=> $convert:ident)?)? $([$needs:ident])?),+ $(,)? })+) => {
-        $(impl<'py> FromPyObject<'_, 'py> for $config {
+    ($($config:ident $(in $wrapper:ident)? { $($field:ident $(: $other:ident $(=> $convert:ident)?)? $([$needs:ident])?),+ $(,)? })+) => {
+        $(impl<'py> FromPyObject<'_, 'py> for wrapped_type!($config $(, $wrapper)?) {
             type Error = PyErr;
 
             fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-                Ok(Self {
+                let config = $config {
                     $($field: {
                         let value = attribute(object, name!($field $($other)?), needs!($($needs)?))?;
                         $($(let value = $convert(value);)?)?
                         value
                     }),+
-                })
+                };
+                Ok(wrapped!(config $(, $wrapper)?))
             }
         })+
 
         /// The attributes from which each setting of the core is read.
         static ATTRIBUTES: &[(&str, &[&str])] =
             &[$((stringify!($config), &[$(name!($field $($other)?)),+])),+];
+    };
+}
+
+macro_rules! wrapped_type {
+    ($inner:ident) => {
+        $inner
+    };
+    ($inner:ident, $wrapper:ident) => {
+        $wrapper<$inner>
+    };
+}
+
+macro_rules! wrapped {
+    ($inner:expr) => {
+        $inner
+    };
+    ($inner:expr, $wrapper:ident) => {
+        $wrapper($inner)
     };
 }
 
@@ -100,24 +128,20 @@ fn seconds(milliseconds: f64) -> f64 {
 from_attributes! {
     Neighbors { count, search, sigma_px, max_difference_m }
     AlignmentConfig {
-        edge_band_px,
         steps,
         batch_size [AT_LEAST_ONE],
         step_size,
         final_step,
-        max_baseline_m,
         max_points [AT_LEAST_ONE],
     }
-    PolishConfig { edge_band_px, max_rounds, max_steps, tolerance_px, max_baseline_m }
-    SensitivityConfig { factor, edge_band_px, max_points [AT_LEAST_ONE], regions_across }
+    PolishConfig { max_rounds, max_steps, tolerance_px }
+    SensitivityConfig { factor, max_points [AT_LEAST_ONE], regions_across }
     JointConfig {
         factors,
-        edge_band_px,
         max_coarse_points [AT_LEAST_ONE],
         max_rounds,
         max_steps,
         tolerance,
-        max_baseline_m,
         changes [FINITE],
         sigmas [ALL_ABOVE_ZERO],
         evidence [ABOVE_ZERO],
@@ -148,8 +172,8 @@ from_attributes! {
         max_restarts,
         max_points [AT_LEAST_ONE],
     }
-    Lidar {
-        pattern,
+    Lidar in Foreign {
+        pattern: pattern => own,
         channels,
         columns,
         fov_up_deg,
@@ -160,7 +184,7 @@ from_attributes! {
         sweep_s,
         tilt_deg: lidar_tilt_deg,
     }
-    Shutter { delay_s: delay_ms => seconds, readout_s: readout_ms => seconds, direction: readout_direction }
+    Shutter in Foreign { delay_s: delay_ms => seconds, readout_s: readout_ms => seconds, direction: readout_direction => own }
 }
 
 #[pyfunction]
@@ -170,25 +194,20 @@ pub(super) fn config_attributes() -> Vec<(&'static str, Vec<&'static str>)> {
 
 /// Settings of a polish: the same ascent over the pose alone, at full resolution.
 pub(super) struct PolishConfig {
-    edge_band_px: usize,
     max_rounds: usize,
     max_steps: usize,
     tolerance_px: f64,
-    max_baseline_m: f64,
 }
 
 impl From<PolishConfig> for JointConfig {
     fn from(config: PolishConfig) -> Self {
-        let PolishConfig { edge_band_px, max_rounds, max_steps, tolerance_px: tolerance, max_baseline_m } =
-            config;
+        let PolishConfig { max_rounds, max_steps, tolerance_px: tolerance } = config;
         Self {
             factors: vec![1],
-            edge_band_px,
             max_coarse_points: usize::MAX,
             max_rounds,
             max_steps,
             tolerance,
-            max_baseline_m,
             changes: Vec::new(),
             sigmas: Vec::new(),
             evidence: 1.0,
@@ -198,18 +217,19 @@ impl From<PolishConfig> for JointConfig {
 
 /// Parses variants from their names.
 macro_rules! from_names {
-    ($($kind:ident { $($name:literal => $variant:ident),+ })+) => {
-        $(impl<'py> FromPyObject<'_, 'py> for $kind {
+    ($($kind:ident $(in $wrapper:ident)? { $($name:literal => $variant:ident),+ })+) => {
+        $(impl<'py> FromPyObject<'_, 'py> for wrapped_type!($kind $(, $wrapper)?) {
             type Error = PyErr;
 
             fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-                match object.extract::<String>()?.as_str() {
-                    $($name => Ok(Self::$variant),)+
+                let kind = match object.extract::<String>()?.as_str() {
+                    $($name => $kind::$variant,)+
                     other => {
                         let (kind, needed) = (stringify!($kind).to_lowercase(), [$($name),+].join(" or "));
-                        Err(value_error(format!("{kind} '{other}' is not known, needs {needed}")))
+                        return Err(value_error(format!("{kind} '{other}' is not known, needs {needed}")));
                     }
-                }
+                };
+                Ok(wrapped!(kind $(, $wrapper)?))
             }
         })+
     };
@@ -217,6 +237,6 @@ macro_rules! from_names {
 
 from_names! {
     Zoom { "exact" => Exact, "paper" => Paper }
-    Pattern { "spinning" => Spinning, "rosette" => Rosette }
-    Direction { "down" => Down, "up" => Up, "right" => Right, "left" => Left }
+    Pattern in Foreign { "spinning" => Spinning, "rosette" => Rosette }
+    Direction in Foreign { "down" => Down, "up" => Up, "right" => Right, "left" => Left }
 }

@@ -32,17 +32,17 @@ pub(super) fn edge_steps(
     let rows = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
     let values = intensities
         .iter()
-        .map(|each| each.as_ref().map(|each| each.as_slice()).transpose())
+        .map(|values| values.as_ref().map(|values| values.as_slice()).transpose())
         .collect::<Result<Vec<_>, _>>()?;
     let counts = rows.iter().map(|sweep| sweep.len());
     if values.len() != rows.len()
-        || counts.zip(&values).any(|(count, each)| each.is_some_and(|v| v.len() != count))
+        || counts.zip(&values).any(|(count, values)| values.is_some_and(|v| v.len() != count))
     {
         return Err(value_error("every sweep needs an intensity for each point, or None"));
     }
     let sweeps: Vec<_> = rows.iter().map(AsRef::as_ref).zip(values).collect();
-    let found = detached(|| edges::steps(&sweeps, same_surface_m));
-    found.iter().map(|steps| PySteps::new(py, steps)).collect()
+    let steps = detached(|| edges::steps(&sweeps, same_surface_m));
+    steps.iter().map(|steps| PySteps::new(py, steps)).collect()
 }
 
 impl PySteps {

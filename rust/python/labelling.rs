@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::arrays::borrowed_rows;
 use super::calls::{detached, value_error};
 use crate::error::Result;
-use crate::labelling::{Neighbors, Places, Projection, RangeView, Scores};
+use crate::labelling::{Neighbors, Places, RangeProjection, RangeView, Scores};
 
 /// Calls a function with the scores of all views and the places of all pixels.
 fn sampled<T: Send>(
@@ -24,7 +24,7 @@ fn sampled<T: Send>(
     for each in scores {
         arrays.push((each.as_slice()?, each.as_array().dim()));
     }
-    let found = detached(|| {
+    let sampled = detached(|| {
         let scores = arrays.iter().map(|&(values, dim)| match classes_first {
             true => Scores::classes_first(values, dim),
             false => Scores::classes_last(values, dim),
@@ -32,7 +32,7 @@ fn sampled<T: Send>(
         let scores = scores.collect::<Result<Vec<_>>>()?;
         compute(&Places { views, places: &places }, &scores)
     })?;
-    Ok(found)
+    Ok(sampled)
 }
 
 #[pyfunction]
@@ -43,8 +43,8 @@ pub(super) fn classes_of_scores<'py>(
     places: PyReadonlyArray2<'py, f32>,
     classes_first: bool,
 ) -> PyResult<Bound<'py, PyArray1<u16>>> {
-    let found = sampled(&scores, &views, &places, classes_first, |places, scores| places.classes(scores))?;
-    Ok(found.into_pyarray(py))
+    let classes = sampled(&scores, &views, &places, classes_first, |places, scores| places.classes(scores))?;
+    Ok(classes.into_pyarray(py))
 }
 
 #[pyfunction]
@@ -56,9 +56,9 @@ pub(super) fn shares_of_scores<'py>(
     classes_first: bool,
     are_logits: bool,
 ) -> PyResult<Bound<'py, PyArray1<u8>>> {
-    let found =
+    let shares =
         sampled(&scores, &views, &places, classes_first, |places, scores| places.shares(scores, are_logits))?;
-    Ok(found.into_pyarray(py))
+    Ok(shares.into_pyarray(py))
 }
 
 #[pyclass(name = "RangeView", frozen)]
@@ -98,10 +98,10 @@ impl PyRangeView {
         if rings.is_some_and(|rings| rings.len() != points.len()) {
             return Err(value_error("every point needs a ring"));
         }
-        let found = detached(|| self.0.project(&points, rings));
+        let projected = detached(|| self.0.project(&points, rings));
         Ok(PyRangeProjection {
-            points: found.points.into_pyarray(py).unbind(),
-            pixels: found.pixels.into_pyarray(py).unbind(),
+            points: projected.points.into_pyarray(py).unbind(),
+            pixels: projected.pixels.into_pyarray(py).unbind(),
         })
     }
 
@@ -114,7 +114,7 @@ impl PyRangeView {
         neighbors: Neighbors,
     ) -> PyResult<Bound<'py, PyArray1<u16>>> {
         let points = borrowed_rows("points", &points)?;
-        let projection = Projection {
+        let projection = RangeProjection {
             points: projection.points.bind(py).readonly().as_slice()?.to_vec(),
             pixels: projection.pixels.bind(py).readonly().as_slice()?.to_vec(),
         };
@@ -122,7 +122,7 @@ impl PyRangeView {
         if projection.points.len() != classes.len() || projection.pixels.len() != points.len() {
             return Err(value_error("the projection belongs to other points or pixels"));
         }
-        let found = detached(|| self.0.carry_back(&projection, &points, classes, &neighbors))?;
-        Ok(found.into_pyarray(py))
+        let classes = detached(|| self.0.carry_back(&projection, &points, classes, &neighbors))?;
+        Ok(classes.into_pyarray(py))
     }
 }

@@ -152,7 +152,7 @@ pub(super) fn seen_ids<'py>(
     ids: Vec<PyReadonlyArrayDyn<u16>>,
 ) -> PyResult<Bound<'py, PyArray1<bool>>> {
     let frames = ids.iter().map(PyReadonlyArrayDyn::as_slice).collect::<Result<Vec<_>, _>>()?;
-    Ok(detached(|| classes::seen(&frames)).into_pyarray(py))
+    Ok(detached(|| classes::seen_ids(&frames)).into_pyarray(py))
 }
 
 #[pyfunction]

@@ -16,7 +16,7 @@ mod registration;
 mod segmentation;
 mod semantic_distance;
 mod statistics;
-mod world;
+mod streets;
 
 /// Functions and classes of the core; `semcal_cli/_core.pyi` documents them.
 #[pyo3::pymodule]
@@ -30,13 +30,13 @@ mod _core {
     #[pymodule_export]
     const NO_SEGMENT: u32 = crate::segmentation::NO_SEGMENT;
     #[pymodule_export]
-    const GROUND: u8 = crate::segmentation::Kind::Ground as u8;
+    const GROUND: u8 = crate::segmentation::SegmentKind::Ground as u8;
     #[pymodule_export]
-    const OBJECT: u8 = crate::segmentation::Kind::Object as u8;
+    const OBJECT: u8 = crate::segmentation::SegmentKind::Object as u8;
     #[pymodule_export]
     use super::{
         alignment::{
-            PyAgreement, PyAligned, PyAscended, PyHeldOutGain, PyJointMaximum, PyPolished, PySensitivity,
+            PyAgreement, PyAligned, PyAscended, PyInformationGain, PyJointMaximum, PyPolished, PySensitivity,
             agreement, align, ascend, held_out_gain, information, information_along, information_gains,
             maximise, polish, sensitivity,
         },
@@ -63,6 +63,6 @@ mod _core {
         },
         semantic_distance::{PyDistanceMinimum, PySemanticDistance},
         statistics::{fisher_limit, student_quantile},
-        world::{PyRenderedFrame, PyRenderer, synthetic_classes},
+        streets::{PyRenderedFrame, PyRenderer, synthetic_classes},
     };
 }

@@ -1,14 +1,16 @@
 //! Motion of the LiDAR, and its compensation in sweeps and for a rolling shutter.
 
+use geometry::shutter::{Direction, Shutter};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::arrays::{Pose, borrowed_rows, to_array2};
 use super::calls::{detached, value_error};
 use super::camera::PyCamera;
-use crate::error::Result;
+use super::configs::Foreign;
+use crate::error::{Error, Result};
 use crate::motion::Trajectory;
-use crate::shutter::{Direction, Rolling, Shutter};
+use crate::rolling_shutter::RollingCamera;
 
 #[pyclass(name = "Trajectory", frozen)]
 pub(super) struct PyTrajectory(pub(super) Trajectory);
@@ -54,16 +56,17 @@ type Moved<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray1<f64>>);
 pub(super) fn unroll<'py>(
     py: Python<'py>,
     camera: &PyCamera,
-    readout: (f64, Direction),
+    readout: (f64, Foreign<Direction>),
     points: PyReadonlyArray2<f32>,
     seen_s: PyReadonlyArray1<f64>,
     twist_per_s: [f64; 6],
     t_camera_lidar: Pose,
 ) -> PyResult<Moved<'py>> {
-    let shutter = Shutter { delay_s: 0.0, readout_s: readout.0, direction: readout.1 };
-    shutter.check()?;
+    let (readout_s, Foreign(direction)) = readout;
+    let shutter = Shutter { delay_s: 0.0, readout_s, direction };
+    shutter.check().map_err(Error::from)?;
     let (twist_per_s, pose) = (twist_per_s.into(), t_camera_lidar.0);
-    let rolling = Rolling { camera: &camera.0, shutter, twist_per_s, pose };
+    let rolling = RollingCamera { camera: &camera.0, shutter, twist_per_s, pose };
     let (points, seen_s) = (borrowed_rows("points", &points)?, seen_s.as_slice()?);
     if points.len() != seen_s.len() {
         return Err(value_error(format!("{} points need the same number of times", points.len())));

@@ -76,19 +76,24 @@ pub(super) struct PyObservations(pub(super) Arc<Observations>);
 #[pymethods]
 impl PyObservations {
     #[new]
-    #[pyo3(signature = (camera, frames, num_point_classes, num_image_classes, by_classes=false))]
+    #[pyo3(signature = (camera, frames, num_point_classes, num_image_classes, max_baseline_m, edge_band_px, by_classes=false))]
     fn new(
         camera: &PyCamera,
         frames: Vec<(PyRef<'_, PyLabelledCloud>, PyRef<'_, PyLabelledImage>, f32)>,
         num_point_classes: usize,
         num_image_classes: usize,
+        max_baseline_m: f64,
+        edge_band_px: usize,
         by_classes: bool,
     ) -> PyResult<Self> {
         let frame = |(cloud, image, weight): &(PyRef<'_, _>, PyRef<'_, _>, f32)| {
             frame(cloud, image, *weight, by_classes)
         };
         let frames = frames.iter().map(frame).collect();
-        let observations = Observations::new(camera.0.clone(), frames, num_point_classes, num_image_classes)?;
+        let mut observations =
+            Observations::new(camera.0.clone(), frames, num_point_classes, num_image_classes)?;
+        observations.max_baseline_m = max_baseline_m;
+        observations.edge_band_px = edge_band_px;
         Ok(Self(Arc::new(observations)))
     }
 }

@@ -10,7 +10,7 @@ use crate::correspondences::{self, Correspondence};
 use crate::error::Result;
 use crate::registration::{self, Hypothesis, RegistrationConfig};
 use crate::spherical::{self, SphericalGrid, SphericalImages};
-use crate::zoom::{self, Zoom, Zoomed};
+use crate::zoom::{self, Zoom, ZoomedImage};
 
 #[pyclass(name = "Grid", frozen, get_all)]
 pub(super) struct PyGrid {
@@ -94,7 +94,7 @@ impl PyHypothesis {
         let Some(shown) = observations.frames.get(frame) else {
             return Err(value_error(format!("frame {frame} is not one of {}", observations.frames.len())));
         };
-        let zoomed = Zoomed::new(&observations.camera, zoom)?;
+        let zoomed = ZoomedImage::new(&observations.camera, zoom)?;
         image_array(py, zoom::zoom(&zoomed, &shown.image.classes, &self.0.placement, &images.0.grid))
     }
 }
@@ -122,8 +122,8 @@ pub(super) fn register(
     around: Option<(Pose, f64)>,
 ) -> PyResult<Vec<PyHypothesis>> {
     let around = around.map(|(pose, angle)| (pose.0.rotation.to_rotation_matrix(), angle));
-    let found = detached(|| registration::register(&observations.0, &images.0, &config, around))?;
-    Ok(found.into_iter().map(PyHypothesis).collect())
+    let hypotheses = detached(|| registration::register(&observations.0, &images.0, &config, around))?;
+    Ok(hypotheses.into_iter().map(PyHypothesis).collect())
 }
 
 #[pyfunction]

@@ -107,11 +107,12 @@ pub(super) fn turned_partitions(
 ) -> PyResult<Vec<PyPartitions>> {
     let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
     let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
-    let segmented: Vec<Arc<SegmentedSweep>> = segmented.iter().map(|each| Arc::clone(&each.sweep)).collect();
+    let segmented: Vec<Arc<SegmentedSweep>> =
+        segmented.iter().map(|segmented| Arc::clone(&segmented.sweep)).collect();
     let segmented: Vec<&SegmentedSweep> = segmented.iter().map(AsRef::as_ref).collect();
-    if sweeps.iter().map(|sweep| sweep.len()).ne(segmented.iter().map(|each| each.ids.len())) {
+    if sweeps.iter().map(|sweep| sweep.len()).ne(segmented.iter().map(|segmented| segmented.ids.len())) {
         return Err(value_error("the sweeps are not those that were segmented"));
     }
     let partitions = detached(|| segmentation::turned(&sweeps, &segmented, num_turns))?;
-    Ok(partitions.into_iter().map(|each| PyPartitions(Arc::new(each))).collect())
+    Ok(partitions.into_iter().map(|partitions| PyPartitions(Arc::new(partitions))).collect())
 }

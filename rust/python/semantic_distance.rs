@@ -49,12 +49,12 @@ impl PySemanticDistance {
     }
 
     fn minimize(&self, t_camera_lidar: Pose, config: DescentConfig) -> Result<PyDistanceMinimum> {
-        let found = detached(|| self.0.minimize(&t_camera_lidar.0, &config))?;
+        let minimum = detached(|| self.0.minimize(&t_camera_lidar.0, &config))?;
         Ok(PyDistanceMinimum {
-            t_camera_lidar: Pose(found.pose),
-            cost_px: found.cost_px,
-            num_evaluations: found.num_evaluations,
-            converged: found.converged,
+            t_camera_lidar: Pose(minimum.pose),
+            cost_px: minimum.cost_px,
+            num_evaluations: minimum.num_evaluations,
+            converged: minimum.converged,
         })
     }
 }

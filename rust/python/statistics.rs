@@ -8,7 +8,7 @@ use crate::distributions;
 #[pyfunction]
 pub(super) fn student_quantile(probability: f64, degrees_of_freedom: f64) -> PyResult<f64> {
     distributions::student_quantile(probability, degrees_of_freedom).ok_or_else(|| {
-        let (rarest, fewest) = (distributions::RAREST, distributions::FEWEST_DEGREES);
+        let (rarest, fewest) = (distributions::MIN_TAIL, distributions::MIN_DEGREES);
         value_error(format!(
             "found {probability} and {degrees_of_freedom}, needed a probability from {rarest:e} to 1 - {rarest:e} and \
              finite degrees of freedom from {fewest} on"

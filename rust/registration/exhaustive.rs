@@ -9,13 +9,13 @@ use std::ops::Range;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::local::{Downsampled, downsampled};
-use super::{Around, RegistrationConfig};
+use super::local::{DownsampledImages, downsampled};
+use super::{RegistrationConfig, RotationBall};
 use crate::error::{Error, Result};
 use crate::observation::Observations;
 use crate::point_cloud::to_f64;
 use crate::spherical::{LabelledReturn, SphericalGrid, SphericalImages};
-use crate::zoom::{Placement, Zoomed};
+use crate::zoom::{Placement, ZoomedImage};
 
 /// A placement of the exhaustive search with its score.
 #[derive(Clone, Copy, Debug)]
@@ -30,23 +30,23 @@ pub(super) struct Candidate {
 /// Scores every azimuth for each (elevation, roll). A turn in azimuth is a shift of columns.
 pub(super) fn search(
     observations: &Observations,
-    zoomed: &Zoomed,
+    zoomed: &ZoomedImage,
     spherical: &SphericalImages,
     coarse: &SphericalGrid,
     config: &RegistrationConfig,
-    around: Option<Around>,
+    around: Option<RotationBall>,
 ) -> Result<Vec<Candidate>> {
     let rings = rings(observations, spherical, coarse);
     let images = downsampled(observations, zoomed, coarse.cell_height);
     let most = observations.frames.len() * coarse.rows * coarse.columns;
     let n_log_n: Vec<f64> = (0..=most).map(|n| n as f64 * (n.max(1) as f64).ln()).collect();
     let empty = Counts::new(observations, &n_log_n);
-    let narrowed = Narrowed::new(coarse, config, around);
+    let range = SearchRange::new(coarse, config, around);
     let candidates: Vec<Candidate> = upright_placements(zoomed, coarse, config, around)
         .par_iter()
         .flat_map_iter(|upright| {
             let shifts: Vec<usize> = (0..coarse.columns)
-                .filter(|&shift| narrowed.allows(&shifted(upright, shift, coarse.columns)))
+                .filter(|&shift| range.allows(&shifted(upright, shift, coarse.columns)))
                 .collect();
             if shifts.is_empty() {
                 return Vec::new();
@@ -68,10 +68,10 @@ pub(super) fn search(
 
 /// The (elevation, roll) pairs at azimuth zero whose image can overlap the sweep.
 fn upright_placements(
-    zoomed: &Zoomed,
+    zoomed: &ZoomedImage,
     grid: &SphericalGrid,
     config: &RegistrationConfig,
-    around: Option<Around>,
+    around: Option<RotationBall>,
 ) -> Vec<Placement> {
     let mut placements = Vec::new();
     for roll in rolls(config, around.is_some()) {
@@ -94,10 +94,10 @@ fn upright_placements(
 
 /// The in-plane rotations, each once. A narrowed search tries them all: where the camera looks far up or down, a
 /// turn in azimuth is nearly a roll of the image.
-fn rolls(config: &RegistrationConfig, is_narrowed: bool) -> Vec<f64> {
+fn rolls(config: &RegistrationConfig, is_limited: bool) -> Vec<f64> {
     let num_around = (TAU / config.roll_step).round();
     let steps = (config.max_roll / config.roll_step).ceil();
-    if is_narrowed || 2.0 * steps + 1.0 >= num_around {
+    if is_limited || 2.0 * steps + 1.0 >= num_around {
         return (0..num_around as usize).map(|i| i as f64 / num_around * TAU).collect();
     }
     let step = config.max_roll / steps.max(1.0);
@@ -111,10 +111,10 @@ fn shifted(upright: &Placement, shift: usize, columns: usize) -> Placement {
 }
 
 /// Range of a narrowed search: rotations within an angle of a given one, plus half a step.
-struct Narrowed(Option<Around>);
+struct SearchRange(Option<RotationBall>);
 
-impl Narrowed {
-    fn new(grid: &SphericalGrid, config: &RegistrationConfig, around: Option<Around>) -> Self {
+impl SearchRange {
+    fn new(grid: &SphericalGrid, config: &RegistrationConfig, around: Option<RotationBall>) -> Self {
         let steps = Vector3::new(grid.cell_height, TAU / grid.columns as f64, config.roll_step);
         Self(around.map(|(rotation, angle)| (rotation, angle + 0.5 * steps.norm())))
     }
@@ -136,14 +136,15 @@ fn rings(observations: &Observations, images: &SphericalImages, coarse: &Spheric
                 counts[(row * coarse.columns + column) * num_classes + usize::from(*class)] += 1;
             }
         }
-        let rows: Vec<u32> = counts.chunks_exact(num_classes).map(|c| commonest(c) as u32 * width).collect();
+        let rows: Vec<u32> =
+            counts.chunks_exact(num_classes).map(|c| most_frequent(c) as u32 * width).collect();
         rows.chunks_exact(coarse.columns).flat_map(|row| row.iter().chain(row).copied()).collect()
     };
     images.returns.par_iter().map(ring).collect()
 }
 
 /// The class with the highest count, the lowest in a tie; the number of classes if all counts are zero.
-fn commonest(counts: &[u32]) -> usize {
+fn most_frequent(counts: &[u32]) -> usize {
     let best = (0..counts.len()).rev().max_by_key(|&class| counts[class]);
     best.filter(|&class| counts[class] > 0).unwrap_or(counts.len())
 }
@@ -162,9 +163,9 @@ struct Template {
 impl Template {
     fn new(
         observations: &Observations,
-        zoomed: &Zoomed,
+        zoomed: &ZoomedImage,
         grid: &SphericalGrid,
-        images: &Downsampled,
+        images: &DownsampledImages,
         upright: &Placement,
     ) -> Self {
         let pixel_of = zoomed.pixel_map(upright);
@@ -330,12 +331,12 @@ mod tests {
         let grid = SphericalGrid::from_scan(64, 1024, 0.2, -0.5).expect("a valid scan").coarsened(0.05);
         for elevation in [0.0, 1.0, -1.3] {
             let given = Placement { azimuth: 1.0, elevation, roll: 1.5, scale: 1.0 };
-            let narrowed = Narrowed::new(&grid, &CONFIG, Some((given.rotation(), 0.3)));
+            let range = SearchRange::new(&grid, &CONFIG, Some((given.rotation(), 0.3)));
             assert_eq!(rolls(&CONFIG, true).len(), 72);
             for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
                 let turned = |angle| Rotation3::from_axis_angle(&axis, angle) * given.rotation();
-                assert!(narrowed.allows(&Placement::of_rotation(&turned(0.29))));
-                assert!(!narrowed.allows(&Placement::of_rotation(&turned(0.4))));
+                assert!(range.allows(&Placement::of_rotation(&turned(0.29))));
+                assert!(!range.allows(&Placement::of_rotation(&turned(0.4))));
             }
         }
     }

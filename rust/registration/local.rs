@@ -2,27 +2,28 @@
 
 use std::f64::consts::PI;
 
+use geometry::angles::from_angles;
+use geometry::camera::RUN;
 use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
 use super::{Hypothesis, RegistrationConfig};
-use crate::camera::RUN;
 use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::point_cloud::to_f64;
 use crate::powell::{PowellConfig, minimize};
-use crate::spherical::{LabelledReturn, SphericalImages, from_angles};
+use crate::spherical::{LabelledReturn, SphericalImages};
 use crate::thinning::{stride, thinned};
-use crate::zoom::{Placement, Zoom, Zoomed};
+use crate::zoom::{Placement, Zoom, ZoomedImage};
 
-pub(super) struct Downsampled {
+pub(super) struct DownsampledImages {
     blocks_per_pixel: f64,
     images: Vec<LabelImage<u8>>,
 }
 
-impl Downsampled {
+impl DownsampledImages {
     pub fn class(&self, frame: usize, pixel: &Point2<f64>) -> u8 {
         let image = &self.images[frame];
         // A product is faster than a division, but may land one block beyond the border.
@@ -32,11 +33,11 @@ impl Downsampled {
 }
 
 /// Downsamples the label images to blocks about as wide as a cell at the middle of the image.
-pub(super) fn downsampled(observations: &Observations, zoomed: &Zoomed, cell: f64) -> Downsampled {
+pub(super) fn downsampled(observations: &Observations, zoomed: &ZoomedImage, cell: f64) -> DownsampledImages {
     let pixels_per_radian = observations.camera.width as f64 / zoomed.horizontal_fov();
     let factor = ((pixels_per_radian * cell).round() as usize).max(1);
     let images = observations.frames.par_iter().map(|f| majority(&f.image.classes, factor)).collect();
-    Downsampled { blocks_per_pixel: 1.0 / factor as f64, images }
+    DownsampledImages { blocks_per_pixel: 1.0 / factor as f64, images }
 }
 
 /// A label image in blocks of `factor` pixels, each with the majority class of its pixels (ties go to the lowest
@@ -74,18 +75,18 @@ const MAX_RETURNS: usize = 20_000;
 type LabelledDirection = (Vector3<f64>, u8);
 
 /// The compared data: the labelled returns of the spherical images, and label images in cells.
-pub(super) struct Compared<'a> {
+pub(super) struct LocalSearch<'a> {
     observations: &'a Observations,
-    zoomed: &'a Zoomed<'a>,
-    images: Downsampled,
+    zoomed: &'a ZoomedImage<'a>,
+    images: DownsampledImages,
     /// Unit direction and class of each return, frame after frame.
     returns: Vec<Vec<LabelledDirection>>,
 }
 
-impl<'a> Compared<'a> {
+impl<'a> LocalSearch<'a> {
     pub fn new(
         observations: &'a Observations,
-        zoomed: &'a Zoomed,
+        zoomed: &'a ZoomedImage,
         images: &SphericalImages,
         cell: f64,
     ) -> Self {

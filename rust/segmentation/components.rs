@@ -8,11 +8,11 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use geometry::angles::{azimuth, elevation};
 use nalgebra::Vector3;
 
 use super::SegmentationConfig;
-use crate::spherical::rings::{BIN, Filled, MIN_RETURNS, Ring, rings};
-use crate::spherical::{azimuth, elevation};
+use crate::spherical::rings::{BIN, FilledCells, MIN_RETURNS, Ring, rings};
 
 /// Number of cells across which patches are connected: upwards, and to either side.
 const REACH: (usize, isize) = (2, 3);
@@ -26,10 +26,10 @@ pub(super) fn find(
     if members.is_empty() {
         return Vec::new();
     }
-    let directions: Vec<Direction> = points.iter().map(Direction::of).collect();
+    let directions: Vec<BeamDirection> = points.iter().map(BeamDirection::of).collect();
     let places = members.iter().map(|&member| (directions[member], points[member].norm())).collect();
     let patches = Patches::of(Scan::of(&directions), places, config);
-    let mut sets = Sets::new(patches.patches.len());
+    let mut sets = DisjointSets::new(patches.patches.len());
     for row in 0..patches.scan.rows.len() {
         for column in 0..patches.scan.rows[row].columns {
             patches.connect((row, column), config, &mut sets);
@@ -65,8 +65,8 @@ struct Patches {
 
 impl Patches {
     /// The patches of members with these directions and ranges.
-    fn of(scan: Scan, places: Vec<(Direction, f64)>, config: &SegmentationConfig) -> Self {
-        let place = |(number, (direction, range)): (usize, (Direction, f64))| {
+    fn of(scan: Scan, places: Vec<(BeamDirection, f64)>, config: &SegmentationConfig) -> Self {
+        let place = |(number, (direction, range)): (usize, (BeamDirection, f64))| {
             let (row, column) = scan.place(&direction);
             // Positive floats sort as their bits do.
             ((scan.rows[row].first + column) as u32, (range as f32).to_bits(), number as u32, row as u32)
@@ -101,7 +101,7 @@ impl Patches {
     }
 
     /// Connects a cell's patches to those of cells to the right and above.
-    fn connect(&self, (row, column): (usize, usize), config: &SegmentationConfig, sets: &mut Sets) {
+    fn connect(&self, (row, column): (usize, usize), config: &SegmentationConfig, sets: &mut DisjointSets) {
         let rows = &self.scan.rows;
         let here = self.at(&rows[row], column);
         if here.is_empty() {
@@ -134,7 +134,7 @@ impl Patches {
         there: std::ops::Range<usize>,
         (angle, rays): (f64, f64),
         config: &SegmentationConfig,
-        sets: &mut Sets,
+        sets: &mut DisjointSets,
     ) {
         for a in here {
             for b in there.clone() {
@@ -157,9 +157,9 @@ fn wrapped(column: isize, columns: usize) -> usize {
 }
 
 /// Disjoint sets of numbers.
-struct Sets(Vec<usize>);
+struct DisjointSets(Vec<usize>);
 
-impl Sets {
+impl DisjointSets {
     fn new(count: usize) -> Self {
         Self((0..count).collect())
     }
@@ -193,12 +193,12 @@ const COARSE: f64 = PI / 90.0;
 
 /// Angles of a point about the LiDAR's z axis, radians.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Direction {
+pub(super) struct BeamDirection {
     azimuth: f64,
     elevation: f64,
 }
 
-impl Direction {
+impl BeamDirection {
     pub(super) fn of(point: &Vector3<f64>) -> Self {
         Self { azimuth: azimuth(point), elevation: elevation(point) }
     }
@@ -226,11 +226,11 @@ pub(super) struct Scan {
 
 impl Scan {
     /// Chooses cells that suit a sweep of these directions.
-    pub(super) fn of(directions: &[Direction]) -> Self {
+    pub(super) fn of(directions: &[BeamDirection]) -> Self {
         let mut counts = vec![0u32; NUM_BINS];
         directions.iter().for_each(|direction| counts[bin(direction.elevation)] += 1);
-        let cells = directions.iter().map(|each| Filled::cell(COARSE, each.azimuth, each.elevation));
-        let filled = Filled::with(COARSE, cells);
+        let cells = directions.iter().map(|ray| FilledCells::cell(COARSE, ray.azimuth, ray.elevation));
+        let filled = FilledCells::with(COARSE, cells);
         let rings = rings(&counts, MIN_GAP_BINS);
         if !rings.is_empty() && directions.len() >= MIN_RETURNS * rings.len() {
             Self::of_rings(&rings, filled.share_in_any_row())
@@ -272,7 +272,7 @@ impl Scan {
         self.rows.last().map_or(0, |row| row.first + row.columns)
     }
 
-    pub(super) fn place(&self, direction: &Direction) -> (usize, usize) {
+    pub(super) fn place(&self, direction: &BeamDirection) -> (usize, usize) {
         let row = usize::from(self.row_of_bin[bin(direction.elevation)]);
         let columns = self.rows[row].columns;
         let column = (direction.azimuth + PI) / TAU * columns as f64;

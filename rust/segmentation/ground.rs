@@ -38,11 +38,11 @@ const LOWER_LEVEL_SHARE: f64 = 0.5;
 pub(super) fn find(points: &[Vector3<f64>], tolerance_m: f64) -> Vec<bool> {
     let cells = Cells::of(points);
     let Some(level) = level_below(&cells) else { return vec![false; points.len()] };
-    let (known, foretold) = grow(&cells, level);
+    let (known, predicted) = grow(&cells, level);
     let planes: Vec<Plane> = (0..NUM_RINGS * NUM_SECTORS)
         .map(|cell| {
             let around = (-AROUND..=AROUND, -AROUND..=AROUND);
-            plane_through(&known, cell, around, &foretold[cell]).0.unwrap_or(foretold[cell])
+            plane_through(&known, cell, around, &predicted[cell]).0.unwrap_or(predicted[cell])
         })
         .collect();
     let above = |(p, &cell): (&Vector3<f64>, &usize)| p.z - planes[cell].height(p.x, p.y);
@@ -126,19 +126,19 @@ fn low_point(points: &[Vector3<f64>]) -> Option<&Vector3<f64>> {
 /// The middle of each cell's ground, if any, and the plane near which it was searched.
 fn grow(cells: &Cells, level: f64) -> (Vec<Option<Vector3<f64>>>, Vec<Plane>) {
     let mut known: Vec<Option<Vector3<f64>>> = vec![None; NUM_RINGS * NUM_SECTORS];
-    let mut foretold = vec![Plane::level(level); NUM_RINGS * NUM_SECTORS];
+    let mut predicted = vec![Plane::level(level); NUM_RINGS * NUM_SECTORS];
     for ring in 0..NUM_RINGS {
         for sector in 0..NUM_SECTORS {
             let cell = ring * NUM_SECTORS + sector;
-            let inside = cell.checked_sub(NUM_SECTORS).map_or(Plane::level(level), |inner| foretold[inner]);
+            let inside = cell.checked_sub(NUM_SECTORS).map_or(Plane::level(level), |inner| predicted[inner]);
             let (plane, distance) = plane_through(&known, cell, (-INWARD..=-1, -BESIDE..=BESIDE), &inside);
-            foretold[cell] = plane.unwrap_or(inside);
+            predicted[cell] = plane.unwrap_or(inside);
             let [x, y] = middle(cell);
             let may_rise = STEP_M + BEND * distance.min(x.hypot(y));
-            known[cell] = ground_of(cells.at(cell), &foretold[cell], may_rise);
+            known[cell] = ground_of(cells.at(cell), &predicted[cell], may_rise);
         }
     }
-    (known, foretold)
+    (known, predicted)
 }
 
 /// The middle of the lowest of sorted points near a plane.

@@ -10,18 +10,17 @@
 mod components;
 mod cut;
 mod ground;
+mod sweep;
 #[cfg(test)]
 mod tests;
 mod turned;
 mod up;
 
-use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
-use rayon::prelude::*;
+use nalgebra::{UnitVector3, Vector3};
 
+pub use sweep::{segment_sweep, segment_sweeps};
 pub use turned::turned;
 pub use up::estimate_up;
-
-use crate::point_cloud::to_f64;
 
 /// The segment id of a point in no segment.
 pub const NO_SEGMENT: u32 = u32::MAX;
@@ -29,12 +28,6 @@ pub const NO_SEGMENT: u32 = u32::MAX;
 const MIN_RANGE_M: f64 = 0.05;
 /// Points beyond this are not returns, metres: no LiDAR reaches that far.
 const MAX_RANGE_M: f64 = 1000.0;
-/// Number of returns of a sweep from which on a segment needs `min_points`; in a sparser sweep it needs
-/// proportionally fewer.
-const DENSE_SWEEP: f64 = 50_000.0;
-/// Smallest number of points of a segment in any sweep.
-const FEWEST_POINTS: usize = 6;
-
 /// Settings: the fields of `SegmentationConfig` in Python, which documents them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SegmentationConfig {
@@ -55,7 +48,7 @@ impl SegmentationConfig {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Kind {
+pub enum SegmentKind {
     /// The surface on which everything stands.
     Ground = 0,
     /// Anything else.
@@ -66,98 +59,13 @@ pub enum Kind {
 pub struct SegmentedSweep {
     /// Segment of each point, or [`NO_SEGMENT`]. Segments of the ground come first.
     pub ids: Vec<u32>,
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<SegmentKind>,
     /// Direction away from the ground, LiDAR frame; `None` if no ground was found, and everything is an object.
     pub up: Option<UnitVector3<f64>>,
-}
-
-/// Segments each of a drive's sweeps. Without `up`, the direction is estimated from all of them together.
-pub fn segment_sweeps(
-    sweeps: &[&[[f32; 3]]],
-    up: Option<UnitVector3<f64>>,
-    config: &SegmentationConfig,
-) -> Vec<SegmentedSweep> {
-    let up = up.or_else(|| estimate_up(sweeps).map(|up| up.direction));
-    sweeps.par_iter().map(|sweep| segment_with(sweep, up, config)).collect()
-}
-
-/// Segments one sweep. Without `up`, the direction is estimated from it.
-pub fn segment_sweep(
-    points: &[[f32; 3]],
-    up: Option<UnitVector3<f64>>,
-    config: &SegmentationConfig,
-) -> SegmentedSweep {
-    segment_with(points, up.or_else(|| estimate_up(&[points]).map(|up| up.direction)), config)
-}
-
-fn segment_with(
-    points: &[[f32; 3]],
-    up: Option<UnitVector3<f64>>,
-    config: &SegmentationConfig,
-) -> SegmentedSweep {
-    let returns = Returns::of(points);
-    let min_points = least_points(returns.points.len(), config.min_points);
-    let is_ground = match up {
-        Some(up) => ground::find(&upright(&returns.points, &up), config.ground_tolerance_m),
-        None => vec![false; returns.points.len()],
-    };
-    let mut segments = Segments { ids: vec![NO_SEGMENT; points.len()], kinds: Vec::new() };
-    let (ground, rest): (Vec<usize>, Vec<usize>) = (0..returns.points.len()).partition(|&i| is_ground[i]);
-    let cut = |members, size| cut::into_pieces(&returns.points, members, size, min_points);
-    segments.extend(Kind::Ground, cut(ground, config.ground_cell_m), &returns.index);
-    for component in components::find(&returns.points, &rest, config) {
-        segments.extend(Kind::Object, cut(component, config.object_cell_m), &returns.index);
-    }
-    SegmentedSweep { ids: segments.ids, kinds: segments.kinds, up }
 }
 
 /// Whether a point, metres, LiDAR frame, is a return of a LiDAR beam.
 pub fn is_return(point: &Vector3<f64>) -> bool {
     // NaN is in no interval.
     (MIN_RANGE_M..MAX_RANGE_M).contains(&point.norm())
-}
-
-struct Returns {
-    points: Vec<Vector3<f64>>,
-    index: Vec<usize>,
-}
-
-impl Returns {
-    fn of(points: &[[f32; 3]]) -> Self {
-        let all = points.iter().map(to_f64).enumerate();
-        let (index, points) = all.filter(|(_, point)| is_return(point)).unzip();
-        Self { points, index }
-    }
-}
-
-struct Segments {
-    ids: Vec<u32>,
-    kinds: Vec<Kind>,
-}
-
-impl Segments {
-    /// Gives each piece the next number; `index` maps returns to points.
-    fn extend(&mut self, kind: Kind, pieces: Vec<Vec<usize>>, index: &[usize]) {
-        for piece in pieces {
-            for member in piece {
-                self.ids[index[member]] = self.kinds.len() as u32;
-            }
-            self.kinds.push(kind);
-        }
-    }
-}
-
-/// Smallest number of points of a segment in a sweep of `num_returns`.
-fn least_points(num_returns: usize, min_points: usize) -> usize {
-    let share = (num_returns as f64 / DENSE_SWEEP).min(1.0);
-    ((share * min_points as f64).round() as usize).max(FEWEST_POINTS.min(min_points)).max(1)
-}
-
-/// The points, rotated so that `up` is z.
-fn upright(points: &[Vector3<f64>], up: &UnitVector3<f64>) -> Vec<Vector3<f64>> {
-    let to_z = UnitQuaternion::rotation_between(up, &Vector3::z());
-    let turn =
-        to_z.unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
-    let turn = turn.to_rotation_matrix();
-    points.iter().map(|point| turn * point).collect()
 }

@@ -3,7 +3,9 @@
 use nalgebra::{Rotation3, Unit, UnitVector3, Vector3};
 use proptest::prelude::*;
 
+use super::sweep::{Returns, min_points_of_segment};
 use super::*;
+use crate::point_cloud::to_f64;
 
 /// Height of the sensor above the ground, metres.
 const HEIGHT: f64 = 1.8;
@@ -40,14 +42,14 @@ fn sweep(rings: usize, ground: fn(f64, f64) -> f64, boxes: &[Box3]) -> (Vec<[f32
     let ray = |number: usize| {
         let elevation = (2.0 - 32.0 * ((number % rings) as f64 + 0.5) / rings as f64).to_radians();
         let azimuth = (0.5 * (number / rings) as f64 + 0.1).to_radians();
-        crate::spherical::from_angles(azimuth, elevation)
+        geometry::angles::from_angles(azimuth, elevation)
     };
     let hits = (0..rings * 720).filter_map(|number| hit(&ray(number), ground, boxes));
     hits.map(|(point, is_box)| (<[f32; 3]>::from(point.map(|x| x as f32)), is_box)).unzip()
 }
 
 /// Share of the points of ground, or of boxes, whose segment has the given kind.
-fn share(sweep: &SegmentedSweep, on_box: &[bool], of_boxes: bool, kind: Kind) -> f64 {
+fn share(sweep: &SegmentedSweep, on_box: &[bool], of_boxes: bool, kind: SegmentKind) -> f64 {
     let of_these: Vec<u32> =
         sweep.ids.iter().zip(on_box).filter(|(_, on_box)| **on_box == of_boxes).map(|(&id, _)| id).collect();
     let is_kind = |id: &&u32| sweep.kinds.get(**id as usize) == Some(&kind);
@@ -55,7 +57,7 @@ fn share(sweep: &SegmentedSweep, on_box: &[bool], of_boxes: bool, kind: Kind) ->
 }
 
 fn objects(sweep: &SegmentedSweep) -> usize {
-    sweep.kinds.iter().filter(|&&kind| kind == Kind::Object).count()
+    sweep.kinds.iter().filter(|&&kind| kind == SegmentKind::Object).count()
 }
 
 fn z() -> Option<UnitVector3<f64>> {
@@ -69,11 +71,11 @@ fn a_box_on_a_slope_is_one_object_and_the_slope_is_ground() {
     for rings in [64, 32, 16] {
         let (points, on_box) = sweep(rings, slope, &boxes);
         let found = segment_sweep(&points, z(), &CONFIG);
-        assert_eq!(share(&found, &on_box, false, Kind::Object), 0.0, "{rings} rings");
+        assert_eq!(share(&found, &on_box, false, SegmentKind::Object), 0.0, "{rings} rings");
         assert_eq!(objects(&found), 1, "{rings} rings");
         // The lowest 0.2 m of the box count as ground.
-        assert!(share(&found, &on_box, true, Kind::Object) > 0.75, "{rings} rings");
-        assert!(share(&found, &on_box, false, Kind::Ground) > 0.95, "{rings} rings");
+        assert!(share(&found, &on_box, true, SegmentKind::Object) > 0.75, "{rings} rings");
+        assert!(share(&found, &on_box, false, SegmentKind::Ground) > 0.95, "{rings} rings");
     }
 }
 
@@ -84,7 +86,7 @@ fn a_kerb_stays_ground() {
         let (points, on_box) = sweep(rings, kerb, &[]);
         let found = segment_sweep(&points, z(), &CONFIG);
         assert_eq!(objects(&found), 0, "{rings} rings");
-        assert!(share(&found, &on_box, false, Kind::Ground) > 0.97, "{rings} rings");
+        assert!(share(&found, &on_box, false, SegmentKind::Ground) > 0.97, "{rings} rings");
     }
 }
 
@@ -103,7 +105,7 @@ fn boxes_apart_are_objects_apart_and_a_long_wall_is_cut() {
 fn without_ground_everything_is_an_object() {
     let points: Vec<[f32; 3]> = (0..4000)
         .map(|i| {
-            crate::spherical::from_angles(f64::from(i) * 2.399_963, (f64::from(i) / 2000.0 - 1.0).asin())
+            geometry::angles::from_angles(f64::from(i) * 2.399_963, (f64::from(i) / 2000.0 - 1.0).asin())
         })
         .map(|ray| (ray * 8.0).map(|x| x as f32).into())
         .collect();
@@ -148,7 +150,7 @@ proptest! {
             sizes[id as usize] += 1;
         }
         let num_returns = Returns::of(&points).points.len();
-        prop_assert!(sizes.iter().all(|&size| size >= least_points(num_returns, CONFIG.min_points)));
+        prop_assert!(sizes.iter().all(|&size| size >= min_points_of_segment(num_returns, CONFIG.min_points)));
         prop_assert!(found.kinds.is_sorted_by_key(|&kind| kind as u8));
     }
 
@@ -183,10 +185,12 @@ fn turned_segments_lie_where_the_turn_takes_them() {
             assert_eq!(row(point, 0), segmented.ids[point] as usize);
             // A quarter turn moves the objects ahead to where there is only ground, and those on the left to the
             // back.
-            if position[0] > 3.0 && segmented.kinds[row(point, 0)] == Kind::Object && position[1].abs() < 2.5
+            if position[0] > 3.0
+                && segmented.kinds[row(point, 0)] == SegmentKind::Object
+                && position[1].abs() < 2.5
             {
                 num_seen += 1;
-                num_ground += usize::from(segmented.kinds[row(point, 3)] == Kind::Ground);
+                num_ground += usize::from(segmented.kinds[row(point, 3)] == SegmentKind::Ground);
             }
         }
     }

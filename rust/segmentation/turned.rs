@@ -2,14 +2,15 @@
 
 use std::f64::consts::{PI, TAU};
 
+use geometry::angles::{azimuth, elevation};
 use nalgebra::{UnitVector3, Vector3};
 use rayon::prelude::*;
 
-use super::{NO_SEGMENT, SegmentedSweep, upright};
+use super::up::upright;
+use super::{NO_SEGMENT, SegmentedSweep};
 use crate::error::Result;
 use crate::observation::Partitions;
 use crate::point_cloud::to_f64;
-use crate::spherical::{azimuth, elevation};
 
 /// Height of a row of directions, radians, about the ring spacing of a dense sweep.
 const ROW: f64 = 0.4 * PI / 180.0;
@@ -18,7 +19,7 @@ const NUM_ROWS: usize = (PI / ROW) as usize + 1;
 const BIN: f64 = PI / 180.0;
 const NUM_BINS: usize = 360;
 /// Smallest gap in azimuth that counts, bins.
-const LEAST_GAP: usize = 30;
+const MIN_GAP_BINS: usize = 30;
 
 /// The segments of each sweep, and of each as if it had been rotated by `1, 2, ... num_turns` of `num_turns + 1`
 /// equal parts of the azimuths that the sweeps cover, with wrap-around. A point gets the segment of the return
@@ -29,25 +30,26 @@ pub fn turned(
     num_turns: usize,
 ) -> Result<Vec<Partitions>> {
     let up = segmented.iter().find_map(|sweep| sweep.up).unwrap_or_else(Vector3::z_axis);
-    let directions: Vec<Vec<Direction>> =
+    let directions: Vec<Vec<SegmentDirection>> =
         sweeps.par_iter().zip(segmented).map(|(points, sweep)| directions(points, sweep, &up)).collect();
-    let covered = Covered::of(directions.iter().flatten());
-    let partitions = |((points, sweep), directions): ((&&[[f32; 3]], &&SegmentedSweep), &Vec<Direction>)| {
-        let rows = Rows::of(directions);
-        let mut ids = vec![0; points.len() * (num_turns + 1)];
-        for direction in directions {
-            let of_point = &mut ids[direction.point * (num_turns + 1)..][..=num_turns];
-            for (turn, id) in of_point.iter_mut().enumerate() {
-                let azimuth = covered.shifted(direction.azimuth, turn as f64 / (num_turns + 1) as f64);
-                *id = if turn == 0 { direction.id } else { rows.nearest(azimuth, direction.row) };
+    let covered = CoveredAzimuths::of(directions.iter().flatten());
+    let partitions =
+        |((points, sweep), directions): ((&&[[f32; 3]], &&SegmentedSweep), &Vec<SegmentDirection>)| {
+            let rows = Rows::of(directions);
+            let mut ids = vec![0; points.len() * (num_turns + 1)];
+            for direction in directions {
+                let of_point = &mut ids[direction.point * (num_turns + 1)..][..=num_turns];
+                for (turn, id) in of_point.iter_mut().enumerate() {
+                    let azimuth = covered.shifted(direction.azimuth, turn as f64 / (num_turns + 1) as f64);
+                    *id = if turn == 0 { direction.id } else { rows.nearest(azimuth, direction.row) };
+                }
             }
-        }
-        Partitions::new(&ids, sweep.kinds.len(), num_turns + 1)
-    };
+            Partitions::new(&ids, sweep.kinds.len(), num_turns + 1)
+        };
     sweeps.par_iter().zip(segmented).zip(&directions).map(partitions).collect()
 }
 
-struct Direction {
+struct SegmentDirection {
     point: usize,
     id: u32,
     /// Azimuth about the direction away from the ground, radians.
@@ -55,25 +57,25 @@ struct Direction {
     row: usize,
 }
 
-fn directions(points: &[[f32; 3]], sweep: &SegmentedSweep, up: &UnitVector3<f64>) -> Vec<Direction> {
+fn directions(points: &[[f32; 3]], sweep: &SegmentedSweep, up: &UnitVector3<f64>) -> Vec<SegmentDirection> {
     let points: Vec<Vector3<f64>> = points.iter().map(to_f64).collect();
     let pairs = upright(&points, up).into_iter().zip(&sweep.ids).enumerate();
     let direction = |(point, (position, &id)): (usize, (Vector3<f64>, &u32))| {
         let row = ((elevation(&position) + 0.5 * PI) / ROW) as usize;
         let azimuth = azimuth(&position);
-        (id != NO_SEGMENT).then(|| Direction { point, id, azimuth, row: row.min(NUM_ROWS - 1) })
+        (id != NO_SEGMENT).then(|| SegmentDirection { point, id, azimuth, row: row.min(NUM_ROWS - 1) })
     };
     pairs.filter_map(direction).collect()
 }
 
 /// The azimuths that sweeps cover, radians.
-struct Covered {
+struct CoveredAzimuths {
     start: f64,
     width: f64,
 }
 
-impl Covered {
-    fn of<'a>(directions: impl Iterator<Item = &'a Direction>) -> Self {
+impl CoveredAzimuths {
+    fn of<'a>(directions: impl Iterator<Item = &'a SegmentDirection>) -> Self {
         let mut filled = [false; NUM_BINS];
         for direction in directions {
             filled[(((direction.azimuth + PI) / BIN) as usize).min(NUM_BINS - 1)] = true;
@@ -82,7 +84,7 @@ impl Covered {
         let run = |first: usize| (first..first + NUM_BINS).take_while(|bin| !filled[bin % NUM_BINS]).count();
         let (first, gap) =
             (0..NUM_BINS).map(|first| (first, run(first))).max_by_key(|&(_, gap)| gap).unwrap_or((0, 0));
-        if gap < LEAST_GAP || gap == NUM_BINS {
+        if gap < MIN_GAP_BINS || gap == NUM_BINS {
             return Self { start: -PI, width: TAU };
         }
         Self { start: (first + gap) as f64 * BIN - PI, width: (NUM_BINS - gap) as f64 * BIN }
@@ -104,9 +106,9 @@ struct Rows {
 }
 
 impl Rows {
-    fn of(directions: &[Direction]) -> Self {
+    fn of(directions: &[SegmentDirection]) -> Self {
         let mut rows = vec![Vec::new(); NUM_ROWS];
-        directions.iter().for_each(|each| rows[each.row].push((each.azimuth, each.id)));
+        directions.iter().for_each(|direction| rows[direction.row].push((direction.azimuth, direction.id)));
         rows.iter_mut().for_each(|row| row.sort_by(|a, b| a.0.total_cmp(&b.0)));
         let with_returns: Vec<usize> = (0..NUM_ROWS).filter(|&row| !rows[row].is_empty()).collect();
         let nearest =
@@ -118,7 +120,7 @@ impl Rows {
     /// The segment of the return nearest in azimuth, with wrap-around.
     fn nearest(&self, azimuth: f64, row: usize) -> u32 {
         let row = &self.rows[self.filled[row]];
-        let after = row.partition_point(|each| each.0 < azimuth);
+        let after = row.partition_point(|(other, _)| *other < azimuth);
         let (after, before) = (row[after % row.len()], row[(after + row.len() - 1) % row.len()]);
         let apart = |other: f64| (other - azimuth + PI).rem_euclid(TAU) - PI;
         if apart(after.0).abs() < apart(before.0).abs() { after.1 } else { before.1 }

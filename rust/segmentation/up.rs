@@ -3,7 +3,7 @@
 //! The ground is the plane that contains most nearby returns and has almost none below it. It is found by RANSAC
 //! over the returns of all frames together, since the LiDAR keeps its pose relative to the ground.
 
-use nalgebra::{Matrix3, UnitVector3, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -139,4 +139,13 @@ impl GroundPlane {
         };
         (up.share_on_plane >= MIN_SHARE_ON_PLANE && up.share_below <= MAX_SHARE_BELOW).then_some(up)
     }
+}
+
+/// The points, rotated so that `up` is z.
+pub(super) fn upright(points: &[Vector3<f64>], up: &UnitVector3<f64>) -> Vec<Vector3<f64>> {
+    let to_z = UnitQuaternion::rotation_between(up, &Vector3::z());
+    let turn =
+        to_z.unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    let turn = turn.to_rotation_matrix();
+    points.iter().map(|point| turn * point).collect()
 }

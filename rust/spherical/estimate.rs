@@ -2,10 +2,11 @@
 
 use std::f64::consts::{PI, TAU};
 
+use geometry::angles::{azimuth, elevation};
 use rayon::prelude::*;
 
-use super::rings::{BIN, Filled, MIN_RETURNS, rings};
-use super::{MAX_PIXELS, SphericalGrid, azimuth, elevation};
+use super::rings::{BIN, FilledCells, MIN_RETURNS, rings};
+use super::{MAX_PIXELS, SphericalGrid};
 use crate::error::{Error, Result};
 use crate::point_cloud::to_f64;
 
@@ -27,7 +28,7 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     let of_point = |point: &[f32; 3]| {
         let point = to_f64(point);
         let elevation = elevation(&point);
-        (elevation, Filled::cell(COARSE, azimuth(&point), elevation))
+        (elevation, FilledCells::cell(COARSE, azimuth(&point), elevation))
     };
     let points = sweeps.par_iter().flat_map(|sweep| sweep.par_iter().with_min_len(CHUNK));
     let (mut elevations, cells): (Vec<f64>, Vec<usize>) = points.map(of_point).unzip();
@@ -43,7 +44,7 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
             (top - bottom).to_degrees()
         )));
     }
-    let filled = Filled::with(COARSE, cells);
+    let filled = FilledCells::with(COARSE, cells);
     let per_sweep = elevations.len() as f64 / sweeps.len() as f64;
     if let Some(channels) = count_channels(within, bottom, top) {
         let columns = (per_sweep / channels as f64 / filled.share_of_turn()) as usize;
@@ -78,7 +79,7 @@ mod tests {
 
     use super::*;
     use crate::spherical::EMPTY;
-    use crate::world::{Lidar, Pattern};
+    use streets::{Lidar, Pattern};
 
     fn sweep(lidar: Lidar) -> Vec<[f32; 3]> {
         let ranged =

@@ -5,6 +5,7 @@ pub mod rings;
 
 use std::f64::consts::{PI, TAU};
 
+use geometry::angles::{azimuth, elevation, from_angles};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -51,7 +52,7 @@ impl SphericalGrid {
         Ok(Self { rows: channels, columns, top: fov_up + 0.5 * cell_height, cell_height })
     }
 
-    /// The same field of view in cells of about `cell` radians, never finer than this grid.
+    /// Returns a grid of the same field of view in cells of about `cell` radians, never finer than this grid.
     pub fn coarsened(&self, cell: f64) -> Self {
         let rows = (self.rows as f64 * self.cell_height / cell).round().clamp(1.0, self.rows as f64);
         let columns = (TAU / cell).round().clamp(4.0, self.columns as f64);
@@ -147,21 +148,6 @@ impl SphericalImages {
     pub fn num_returns(&self) -> usize {
         self.returns.iter().map(Vec::len).sum()
     }
-}
-
-/// Angle from the x axis towards y, in (-pi, pi].
-pub fn azimuth(direction: &Vector3<f64>) -> f64 {
-    direction.y.atan2(direction.x)
-}
-
-/// Angle above the x-y plane.
-pub fn elevation(direction: &Vector3<f64>) -> f64 {
-    direction.z.atan2(direction.x.hypot(direction.y))
-}
-
-/// The unit vector of an azimuth and an elevation.
-pub fn from_angles(azimuth: f64, elevation: f64) -> Vector3<f64> {
-    Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
 }
 
 #[cfg(test)]

@@ -39,15 +39,15 @@ pub fn rings(counts: &[u32], gap: usize) -> Vec<Ring> {
 }
 
 /// The cells of a grid over the sphere that contain a return.
-pub struct Filled {
+pub struct FilledCells {
     /// Size of a cell, radians, which divides a half-turn.
     side: f64,
     /// Cells from top to bottom, and to the right from straight back.
     cells: Vec<bool>,
 }
 
-impl Filled {
-    /// The grid with the cells of some returns filled, as indexed by [`Filled::cell`].
+impl FilledCells {
+    /// The grid with the cells of some returns filled, as indexed by [`FilledCells::cell`].
     pub fn with(side: f64, filled: impl IntoIterator<Item = usize>) -> Self {
         let rows = (PI / side).round() as usize;
         let mut cells = vec![false; rows * 2 * rows];

@@ -160,8 +160,9 @@ def verify(
         transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
             known format.
         limits: Largest allowed errors; None takes the defaults.
-        config: Seed, cues, number of frames and `refinement.max_baseline_m`; None takes the defaults. The cues `auto`
-            are those that the calibration of the transform compared, as far as the drive allows them.
+        config: Seed, cues, number of frames, `refinement.max_baseline_m` and `refinement.edge_band_px`; None takes the
+            defaults. The cues `auto` are those that the calibration of the transform compared, as far as the drive
+            allows them.
         on_event: Called with each event of the run.
         cue: What points and pixels are compared by, in place of `config.cues`.
         arrays: Arrays in place of a drive: see `Drive.from_arrays`.

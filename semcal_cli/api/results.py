@@ -89,12 +89,12 @@ class Calibration(CalibrationDocument):
 
     def _repr_html_(self) -> str:
         """Show the verdict, the interval and the points of the first image, in a notebook."""
+        from semcal_cli.report import words
         from semcal_cli.report.template import ENVIRONMENT
-        from semcal_cli.report.words import verdict_of
 
         template = ENVIRONMENT.get_template("api/calibration.html")
         rows = [" ".join(f"{value:12.6f}" for value in row) for row in self.T_camera_lidar]
-        return template.render(verdict=verdict_of(self), rows=rows, jpeg=self._jpeg())
+        return template.render(verdict=words.verdict_of(self), rows=rows, jpeg=self._jpeg())
 
     def _jpeg(self) -> str | None:
         """Draw the points of the first frame with an image, as a JPEG in base64; None if it cannot be read."""

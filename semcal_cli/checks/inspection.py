@@ -10,48 +10,35 @@ from itertools import chain
 import numpy as np
 
 from semcal_cli import core
-from semcal_cli.checks.label_alignment import check_label_alignment
+from semcal_cli.checks.class_counts import check_class_names, check_frame_classes
+from semcal_cli.checks.few_segments import check_segments
+from semcal_cli.checks.frame_count import check_frame_count
+from semcal_cli.checks.identical_files import find_identical_files
+from semcal_cli.checks.image_sizes import check_image_sizes
+from semcal_cli.checks.implausible_intrinsics import implausible_intrinsics
+from semcal_cli.checks.mirrored_clouds import check_mirroring
 from semcal_cli.checks.motion_report import report_motion
-from semcal_cli.checks.pairing import find_identical_files
-from semcal_cli.checks.scale import check_scale, judge_scale
-from semcal_cli.config import MAX_FRAMES, InitializationConfig
+from semcal_cli.checks.narrow_view import check_view
+from semcal_cli.checks.scale import check_range, check_scale, judge_scale
+from semcal_cli.checks.shifted_labels import check_label_alignment
+from semcal_cli.checks.stamp_gap import check_gap
+from semcal_cli.checks.sweep_motion import check_readout, check_sweep_motion, has_direction
+from semcal_cli.config import MAX_FRAMES
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import CalibrationError, InputError, counted
-from semcal_cli.estimation.search.mounting_search import search_mountings
-from semcal_cli.estimation.uncertainty.intrinsics import implausible_intrinsics
-from semcal_cli.files.image_files import read_image, read_size
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.findings.check import findings_among
+from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Points
-from semcal_cli.observations.cues.segments import KINDS, kinds_of_segments
+from semcal_cli.observations.cues.segments import kinds_of_segments
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
-from semcal_cli.observations.motion import motion_error_px, shutter_error_px
+from semcal_cli.observations.motion import motion_error_px
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import count_labels, load_observations, read_clouds, read_label_images
 from semcal_cli.observations.scenes import alike_frames, nearest_ranges
 
-MAX_GAP_S = 0.05
-"""Largest time between sweep and image without a finding; at 10 m/s it is half a metre."""
-MANY_CLASSES = 64
-"""Largest number of classes of a segmentation; more classes are instances or colours."""
-MIN_VIEW_DEG = 1.0
-"""Smallest field of view of a lens without a finding."""
-MAX_RANGE_M = 1000.0
-"""Largest median range of points in the LiDAR's frame."""
-MAX_IGNORED = 0.9
-"""Largest fraction of points or pixels without information that gives no finding."""
-MAX_MOTION_PX = 1.0
-"""Largest median displacement of points by uncompensated motion without a finding, in pixels."""
-LABEL = "`semcal label` makes them with a network; without them a calibration needs a start (`--init`)"
-"""Advice for a drive without image labels."""
 NUM_PROBED = 4
-"""Number of frames whose image sizes are checked and whose clouds are registered, unchanged and mirrored."""
-FEW_FRAMES, USUAL_FRAMES, NARROW_DEG = 4, 20, 50.0
-"""Number of frames that distinguish mountings, number for the accuracy of docs/benchmarks.md, and horizontal field of
-view below which a lens needs more of them."""
-MIN_MIRROR_MARGIN = 2.0
-"""Number of standard errors by which mirrored clouds must explain the labels better for a finding."""
-NO_VIEW = "the lens sees almost nothing: K, distortion or parameters are wrong"
+"""Number of frames whose clouds are measured, and registered unchanged and mirrored."""
 
 
 @dataclass(frozen=True)
@@ -149,40 +136,28 @@ def inspect(drive: Drive) -> DriveReport:
         speeds_m_s=motion.speeds_m_s,
         fastest_turn_deg_s=motion.fastest_turn_deg_s,
         suspicions=(
-            *implausible_intrinsics(drive.camera).values(),
-            *[NO_VIEW] * (min(field_of_view) < MIN_VIEW_DEG),
-            *_check_images(drive),
+            *_sentences(implausible_intrinsics(drive.camera).values()),
+            *_sentences(check_view(field_of_view).findings),
+            *check_image_sizes(drive),
             *_check_scale(median_range_m, few),
-            *_check_classes(point_names, pixel_names),
+            *_sentences(check_class_names(point_names, pixel_names)),
             *motion.suspicions,
-            *_check_motion(drive, motion_error_px(probed, clouds), points),
-            *([] if few is None else _check_mirroring(few)),
-            *_check_labels(with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
-            *find_identical_files(drive),
+            *_sentences(check_sweep_motion(motion_error_px(probed, clouds))),
+            *_sentences(check_readout(drive, points)),
+            *_sentences(() if few is None else check_mirroring(few)),
+            *_sentences(_check_labels(with_frames(drive, evenly_spaced(labelled, MAX_FRAMES)))),
+            *_sentences(find_identical_files(drive)),
         ),
         networks=() if drive.networks is None else tuple(drive.networks.describe()),
-        advice=(*_advice(len(readable), num_scenes, field_of_view[0]), *motion.advice),
+        advice=(
+            *_sentences(check_frame_count(len(readable), num_scenes, field_of_view[0])),
+            *motion.advice,
+        ),
     )
 
 
-def _advice(num_frames: int, num_scenes: int, across_deg: float) -> tuple[str, ...]:
-    """Say if scenes or field of view are probably too few: see docs/benchmarks_stages.md, the initial calibration."""
-    advice, shown = list[str](), counted(num_frames, "frame")
-    if num_scenes < min(num_frames, USUAL_FRAMES):
-        shown = counted(num_scenes, "scene")
-        advice.append(
-            f"the {num_frames} frames show {shown}, and frames of one scene count as one: record while driving, past "
-            "different objects"
-        )
-    are = "is" if num_scenes == 1 else "are"
-    if num_scenes < FEW_FRAMES:
-        advice.append(
-            f"{shown} {are} few: use {FEW_FRAMES} or more to find the mounting, and {USUAL_FRAMES} for accuracy"
-        )
-    elif across_deg < NARROW_DEG and num_scenes < USUAL_FRAMES:
-        seen = f"{across_deg:.0f} degrees across"
-        advice.append(f"{shown} through a lens of {seen} {are} few: {USUAL_FRAMES} or more help")
-    return tuple(advice)
+def _sentences(findings: Iterable[Finding]) -> list[str]:
+    return [finding.sentence for finding in findings]
 
 
 def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
@@ -213,17 +188,16 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
             image_classes, pixels_ignored = count_labels(drive, "image", label_image)
         except InputError as error:
             errors.append(str(error))
-    suspicions = [*errors, *_check_side("points", point_classes, points_ignored)]
-    if point_classes is None and num_points and len(kinds) < len(KINDS):
-        shown = f"only {' and '.join(kinds)}" if kinds else "no segments"
-        suspicions.append(f"its points show {shown}: --cue segments needs {' and '.join(KINDS.values())}")
-    suspicions += _check_side("pixels", image_classes, pixels_ignored)
+    findings = [*check_frame_classes("points", point_classes, points_ignored)]
+    if point_classes is None and num_points:
+        findings += check_segments(kinds)
+    findings += check_frame_classes("pixels", image_classes, pixels_ignored)
     gap_s = None
     if frame.points_stamp is not None and frame.image_stamp is not None:
         gap_s = abs(frame.points_stamp - frame.image_stamp)
         # A motion with a direction moves the points to the time of the image.
-        if gap_s > MAX_GAP_S and not _has_direction(drive):
-            suspicions.append(f"sweep and image are {gap_s:.3f} s apart")
+        if not has_direction(drive):
+            findings += check_gap(gap_s).findings
     report = FrameReport(
         points=frame.points,
         num_points=num_points,
@@ -233,7 +207,7 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
         image_classes=image_classes,
         num_pixels_ignored=pixels_ignored,
         gap_s=gap_s,
-        suspicions=tuple(suspicions),
+        suspicions=(*errors, *_sentences(findings)),
     )
     return report, ranges
 
@@ -242,24 +216,6 @@ def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:
     """List the class names of points or of pixels over all frames; None without labels."""
     found = [names for names in counts if names is not None]
     return list(dict.fromkeys(chain.from_iterable(found))) if found else None
-
-
-def _check_side(side: str, counts: Mapping[str, int] | None, num_ignored: int) -> list[str]:
-    if counts is None:
-        return []
-    found = []
-    if len(counts) < 2:
-        found.append(f"{side} have {_one_class(counts)}")
-    ignored = num_ignored / max(num_ignored + sum(counts.values()), 1)
-    if ignored > MAX_IGNORED:
-        found.append(f"{ignored:.0%} of the {side} carry no information")
-    return found
-
-
-def _one_class(names: Iterable[str]) -> str:
-    """Say which class is the only one, if there is one."""
-    (name, *_) = (*names, "")
-    return f"only the class {name}" if name else "no class"
 
 
 def _pattern(points: Sequence[Points]) -> str:
@@ -293,61 +249,16 @@ def _field_of_view(drive: Drive) -> tuple[float, float]:
 
 
 def _check_scale(median_m: float, few: Observations | None) -> list[str]:
-    if median_m > MAX_RANGE_M:
-        return [f"half of the points are {median_m:,.0f} m away or more: clouds must be in the LiDAR frame"]
+    if far := check_range(median_m):
+        return _sentences(far)
     return judge_scale(median_m) if few is None else check_scale(few)
 
 
-def _check_images(drive: Drive) -> list[str]:
-    named = [frame.image for frame in drive.frames if frame.image is not None]
-    found, needed = [], drive.camera.size
-    for name in evenly_spaced(named, NUM_PROBED):
-        try:
-            width, height = read_size(drive.resolve(name))
-            if (width, height) == needed:
-                read_image(drive.resolve(name), needed)
-            else:
-                found.append(
-                    f"{name} is {width} x {height}, the camera's images are {needed[0]} x {needed[1]}"
-                )
-        except InputError as error:
-            found.append(str(error))
-    return found
-
-
-def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -> list[str]:
-    found = []
-    for side, names in (("points", points), ("pixels", pixels)):
-        if names is None:
-            # Segments and edges replace point labels.
-            found += [f"no image labels: {LABEL}"] * (side == "pixels")
-        elif len(names) < 2:
-            found.append(f"{side} have {_one_class(names)} in all frames")
-        elif len(names) > MANY_CLASSES:
-            found.append(f"{len(names)} classes of {side}: perhaps they are instance ids or colours")
-    return found
-
-
-def _check_motion(drive: Drive, error_px: float | None, points: Sequence[Points]) -> list[str]:
-    """Check the effect of motion during a sweep, and that a rolling shutter can be compensated."""
-    found, displaces = [], "displaces half of the points by {:.1f} pixels or more"
-    if error_px is not None and error_px > MAX_MOTION_PX:
-        found.append(f"motion during a sweep {displaces.format(error_px)}")
-    if drive.camera.readout_s > 0.0 and not _has_direction(drive):
-        error_px = shutter_error_px(drive, points)
-        cost = "" if error_px is None else f": it {displaces.format(error_px)}"
-        found.append(f"the rolling shutter cannot be compensated without poses or a twist in motion{cost}")
-    return found
-
-
-def _has_direction(drive: Drive) -> bool:
-    return drive.motion is not None and drive.motion.speed_m_s is None
-
-
-def _check_labels(labelled: Drive) -> Sequence[str]:
-    read = _loaded(labelled) if labelled.frames else None
-    found = () if read is None else findings_among(check_label_alignment(labelled, read).measured)
-    return tuple(finding.sentence for finding in found)
+def _check_labels(labelled: Drive) -> tuple[Finding, ...]:
+    observations = _loaded(labelled) if labelled.frames else None
+    if observations is None:
+        return ()
+    return findings_among(check_label_alignment(labelled, observations).measured)
 
 
 def _loaded(drive: Drive) -> Observations | None:
@@ -356,21 +267,3 @@ def _loaded(drive: Drive) -> Observations | None:
         return load_observations(drive)
     except (CalibrationError, InputError):
         return None
-
-
-def _check_mirroring(few: Observations) -> list[str]:
-    """Register a few frames unchanged and with y negated, because clouds may be mirrored."""
-    flip = np.array([1.0, -1.0, 1.0], np.float32)
-    mirrored = few.with_clouds(cloud.with_points(cloud.points * flip) for cloud in few.clouds)
-    try:
-        best, other = (
-            search_mountings(each, InitializationConfig(), seed=0).hypotheses[0] for each in (few, mirrored)
-        )
-    except (CalibrationError, InputError):
-        return []
-    if other.margin(best) <= MIN_MIRROR_MARGIN:
-        return []
-    return [
-        f"the clouds seem mirrored: with y negated, labels share {other.corrected_nats:.2f} nats instead of "
-        f"{best.corrected_nats:.2f}"
-    ]

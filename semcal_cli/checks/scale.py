@@ -12,10 +12,60 @@ from collections.abc import Iterator, Mapping, Sequence
 import cv2
 import numpy as np
 
+from semcal_cli.findings.check import SETTING, Check, Limit
+from semcal_cli.findings.entry import Entry, PageSection
+from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Numbers, Vectors
 from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.observations.observations import LabelledCloud, Observations
 
+CLOUD_UNIT = Check(
+    topic="cloud-unit",
+    entry=Entry(
+        title="Clouds may not be in metres",
+        section=PageSection.INSPECTION,
+        quotes=(
+            (
+                "clouds may not be in metres, but in feet: cars are 4.9 m high (median of 14), usually 1.55; the "
+                "sensor's height above the ground is 5.6 m, usually 0.1 to 5"
+            ),
+        ),
+        meaning=(
+            "Ranges, the sensor's height, or the heights of cars and people are unusual. The pose's translation has "
+            "the scale of the clouds, and labels agree equally well at any scale."
+        ),
+        cause="The clouds are in feet or millimetres, or were scaled.",
+        remedy="Convert the clouds to metres. Where the scene is unusual, the note changes no verdict.",
+        figure="Difference of the sizes of cars and people from typical ones, as a share.",
+    ),
+    settings={
+        "": Limit(
+            at_most=0.12,
+            unit="%",
+            source=(
+                "cars and people of one country are up to 7 % larger or smaller than the mean, so a scale of 0.95 "
+                "cannot be told; of 42 synthetic drives of six rigs with four frames or more, none was noted as they "
+                "are or scaled by 0.95, and all were noted scaled by 0.8, by 1.2 and in feet"
+            ),
+        )
+    },
+)
+FAR_POINTS = Check(
+    topic="far-points",
+    advice="clouds must be in the LiDAR frame",
+    entry=Entry(
+        title="Points are very far away",
+        section=PageSection.INSPECTION,
+        quotes=("half of the points are 4,512,345 m away or more: clouds must be in the LiDAR frame",),
+        meaning="The points are farther from the origin than any LiDAR measures.",
+        cause="The clouds are in a map's frame, such as UTM, and not in that of the LiDAR.",
+        remedy="Transform the clouds into the LiDAR's frame, each with its own pose.",
+        figure="Median range of the points.",
+    ),
+    settings={"": SETTING(at_most=1000.0, unit="m")},
+)
+TOLERANCE = CLOUD_UNIT.limit()
+"""Largest difference of sizes from typical ones without a note, as a share."""
 NUM_FRAMES = 4
 """Number of frames that are measured."""
 GROUND = (
@@ -31,9 +81,9 @@ in Europe (NCD-RisC, *A century of trends in adult human height*, eLife 2016). T
 of 1.51 m here. Those of 42 synthetic drives have 1.52 to 1.72 m, the highest with 16 channels, and their people 1.70 to
 1.81 m."""
 MIN_THINGS = 6
-"""Least number of things of a kind whose heights count."""
+"""Smallest number of things of a kind whose heights count."""
 MIN_POINTS = 25
-"""Least number of points of a thing."""
+"""Smallest number of points of a thing."""
 REACH = 12.0
 """Distance within which things are measured, in heights of the sensor. Beams are dense enough there."""
 CELL = 0.2
@@ -44,10 +94,6 @@ MAX_GROUND = 3000
 """Number of points of the ground in each frame that things stand on, about; more only cost time."""
 TOP = 0.98
 """Quantile of the heights of a thing's points that counts as its height; wrong labels lie above."""
-TOLERANCE = 0.12
-"""Largest difference of sizes from typical ones without a note, as a share. Cars and people of one country are up to
-7 % larger or smaller than the mean, so a scale of 0.95 cannot be told. Of 42 synthetic drives of six rigs with four
-frames or more, none was noted as they are or scaled by 0.95, and all were noted scaled by 0.8, by 1.2 and in feet."""
 SENSOR_HEIGHTS_M = 0.1, 5.0
 """Heights of sensors above the ground: from a robot's to a lorry's."""
 RANGES_M = 0.5, 100.0
@@ -56,6 +102,11 @@ UNITS = {"feet": 3.28084, "inches": 39.3701, "centimetres": 100.0, "millimetres"
 """Units for each metre."""
 NEAR_UNIT = 0.2
 """Largest logarithm of a ratio of sizes over the scale of a unit that names the unit."""
+
+
+def check_range(range_m: float) -> tuple[Finding, ...]:
+    """Check the median range of the points, which shows clouds that are in the frame of a map."""
+    return FAR_POINTS.measured(range_m, f"half of the points are {range_m:,.0f} m away or more").findings
 
 
 def check_scale(observations: Observations) -> list[str]:
@@ -110,7 +161,9 @@ def judge_scale(
     for what, value_m, (low, high) in measures:
         if not low <= value_m <= high:
             unusual.append(f"{what} {value_m:,.3g} m, usually {low:g} to {high:g}")
-    return [f"clouds may not be in metres{as_if}: {'; '.join(unusual)}"] if unusual else []
+    if not unusual:
+        return []
+    return [CLOUD_UNIT.finding(f"clouds may not be in metres{as_if}: {'; '.join(unusual)}").sentence]
 
 
 def _ratio(heights_m: Mapping[str, Numbers]) -> float | None:

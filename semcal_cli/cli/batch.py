@@ -102,7 +102,7 @@ def batch(settings: BatchSettings) -> None:
     from semcal_cli.cli.batch_progress import BatchProgress, print_end
     from semcal_cli.cli.worker import run_task
     from semcal_cli.many.batch.cluster import connect, execute_on
-    from semcal_cli.many.batch.records import worst
+    from semcal_cli.many.batch.records import worst_exit_code
     from semcal_cli.many.batch.run import execute_here, run_batch
 
     tasks, num_jobs, folder = _make_tasks(settings), settings.jobs or 1, settings.output.absolute()
@@ -122,7 +122,7 @@ def batch(settings: BatchSettings) -> None:
             sys.exit(EXIT_STOPPED)
     print_end(show.console, outcomes, settings.output)
     _report(settings, outcomes).tell_github()
-    sys.exit(worst(outcome.exit_code for outcome in outcomes))
+    sys.exit(worst_exit_code(outcome.exit_code for outcome in outcomes))
 
 
 def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
@@ -140,18 +140,16 @@ def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
 
 def _make_tasks(settings: BatchSettings) -> list[Task]:
     """List the tasks: the command on each drive, with a results folder each."""
-    from semcal_cli.many.batch.folders import check_apart, check_distinct_folders, check_made_by_batch
+    from semcal_cli.many.batch.folders import check_folders
     from semcal_cli.many.batch.tasks import find_drives, folder_of
 
     make = _task_maker(settings)
     drives, folder = find_drives(settings.drives, sys.stdin), settings.output.absolute()
-    check_distinct_folders(drives)
-    check_apart(drives, settings.output)
     tasks: list[Task] = [
         make(drive, path=str(Path(drive).absolute()), folder=str(folder / folder_of(drive)))
         for drive in drives
     ]
-    check_made_by_batch(tasks, folder, settings.output)
+    check_folders(tasks, folder, settings.output)
     return tasks
 
 
@@ -183,7 +181,7 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
         Task,
         command=settings.command,
         arguments=tuple(rest),
-        also=tuple(str(drive_file(path).absolute()) for path in named),
+        other_files=tuple(str(drive_file(path).absolute()) for path in named),
         num_threads=settings.num_threads,
         max_points=command_settings.max_points,
         timeout_s=settings.timeout_s,

@@ -16,7 +16,7 @@ from semcal_cli.cli.terminal import COLORS, live_lines, make_console, running_li
 from semcal_cli.errors import SemcalError, printable
 from semcal_cli.many.batch.pace import Pace
 from semcal_cli.many.batch.records import CSV, JSONL
-from semcal_cli.many.batch.tasks import FAILED, Outcome
+from semcal_cli.many.batch.tasks import Outcome
 
 RECENT = 8
 """Number of finished drives that are shown."""
@@ -57,7 +57,7 @@ class BatchProgress(Pace):
             self._recent.append(outcome)
         else:
             self.skip()
-        if not self.console.is_terminal and (is_new or outcome.status == FAILED):
+        if not self.console.is_terminal and (is_new or outcome.is_failed):
             number = f"{self.num_done:>{len(str(self.num_items))}}/{self.num_items}"
             reason = f": {outcome.reasons[0]}" if outcome.reasons else ""
             line = printable(f"{number}  {outcome.status:<13}{outcome.drive}{reason}")
@@ -133,21 +133,23 @@ def _agreement(trusted: set[str], folder: Path) -> list[tuple[str, str]]:
     """Describe the pose that the trusted drives agree on, and its uncertainty, as labels and texts."""
     from semcal_cli.config import Limits
     from semcal_cli.fleet.combination import combine_drives
-    from semcal_cli.fleet.fleet_drives import read_members
+    from semcal_cli.fleet.fleet_drives import read_fleet_drives
     from semcal_cli.result.uncertainty import widest
 
     try:
-        members = [each for each in read_members([folder]) if each.drive in trusted and each.left_out is None]
-        num_cameras = len({each.camera for each in members})
+        drives = [
+            drive for drive in read_fleet_drives([folder]) if drive.name in trusted and drive.left_out is None
+        ]
+        num_cameras = len({drive.camera for drive in drives})
         if num_cameras > 1:
             several = f"none: the trusted drives have {num_cameras:,} different cameras, given or estimated"
             return [("agreed pose", several)]
-        fleet = combine_drives(members, Limits())
+        fleet = combine_drives(drives, Limits())
     except SemcalError as error:
         return [("agreed pose", f"none: {error}")]
     known = widest(fleet.parts[-1].half_widths.tolist())
     return [
-        ("agreed pose", f"of {len(members):,} trusted drives: {known}"),
+        ("agreed pose", f"of {len(drives):,} trusted drives: {known}"),
         *pose_rows(fleet.T_camera_lidar),
         *([("note", fleet.reasons[0])] if fleet.verdict != "pass" and fleet.reasons else ()),
     ]

@@ -140,8 +140,6 @@ class CalibrateSettings(
         asked = {name: getattr(self, name) for name in settings_of(MineConfig)}
         mine = replace(
             MINE_WITH_VECTORS if has_vectors else usual.mine,
-            edge_band_px=0,
-            max_baseline_m=self.max_baseline_m,
             **{name: value for name, value in asked.items() if value is not None},
         )
         pyramid = usual.pyramid if drift is None else replace(usual.pyramid, max_final_drift=drift)

@@ -16,7 +16,7 @@ import click
 from semcal_cli.errors import InputError, SemcalError, first_of, os_reason
 
 if TYPE_CHECKING:
-    from semcal_cli.pipeline.verdict import Check, Verdict
+    from semcal_cli.pipeline.verdict import AxisVerdict, Verdict
 
 NO_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 """Characters that XML 1.0 does not allow. It is compiled where it is used, because that takes 6 ms."""
@@ -45,7 +45,7 @@ class Case:
     """What was found, and what was allowed."""
 
     @classmethod
-    def of_check(cls, check: Check) -> Case:
+    def of_check(cls, check: AxisVerdict) -> Case:
         """Make a test case from a check."""
         from semcal_cli.pipeline.verdict import figures
 

@@ -14,7 +14,7 @@ from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import json_flag, limit
 from semcal_cli.cli.settings import argument, command
 from semcal_cli.config import Limits
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 
 if TYPE_CHECKING:
     from semcal_cli.pipeline.comparison import Axis, Comparison
@@ -83,7 +83,7 @@ def compare(settings: CompareSettings) -> None:
 
 def _figures(comparison: Comparison, off: float, unit: str, allowed: float) -> str:
     """Describe a total difference, its limit, and its uncertainty."""
-    text, most = told_apart(off, allowed, 3)
+    text, most = format_against_limit(off, allowed, 3)
     half = comparison.half_width(unit[:3])
     return f"{text} {unit}, allowed {most}" + ("" if half is None else f", known to +- {half:.2f}")
 

@@ -19,7 +19,7 @@ from semcal_cli.errors import check_torch
 from semcal_cli.many.batch.pace import Pace
 
 if TYPE_CHECKING:
-    from semcal_cli.experiments.experiment import Experiment
+    from semcal_cli.experiments.experiment_run import Experiment
 
 
 @click.group()
@@ -51,11 +51,11 @@ class MethodsSettings(ExperimentSettings):
 
 
 def _compare_methods(name: str, settings: MethodsSettings) -> None:
-    from semcal_cli.experiments import rivals
+    from semcal_cli.experiments import pairs_and_noise
 
     check_torch(f"semcal experiment {name}")
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    made = rivals.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
+    made = pairs_and_noise.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
     click.echo(measure(made, settings.jobs), nl=False)
 
 
@@ -111,7 +111,7 @@ def table(settings: TableSettings) -> None:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.config import MAX_BASELINE_M
     from semcal_cli.drive.document import drive_file, read_drive
-    from semcal_cli.experiments.experiment import prepare_folder
+    from semcal_cli.experiments.experiment_run import prepare_folder
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
     from semcal_cli.observations.loading import load

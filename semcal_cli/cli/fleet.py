@@ -20,7 +20,7 @@ from semcal_cli.errors import InputError, counted
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet
-    from semcal_cli.pipeline.verdict import Check
+    from semcal_cli.pipeline.verdict import AxisVerdict
 
 PLOTS = (".png", ".svg")
 MAX_LINES = 20
@@ -74,7 +74,7 @@ def fleet(settings: FleetSettings) -> None:
     from semcal_cli.files.documents import document_text, output_format
     from semcal_cli.files.input_files import is_folder
     from semcal_cli.fleet.combination import combine_drives
-    from semcal_cli.fleet.fleet_drives import read_members
+    from semcal_cli.fleet.fleet_drives import read_fleet_drives
     from semcal_cli.formats import read_transform
     from semcal_cli.formats.format import MAX_YAML_BYTES
     from semcal_cli.many.batch.records import JSONL
@@ -90,7 +90,7 @@ def fleet(settings: FleetSettings) -> None:
         settings.check_suffixes()
         T_reference = None if reference is None else read_transform(reference)
         limits = Limits(settings.max_rotation_deg, settings.max_translation_m)
-        combined = combine_drives(read_members(results), limits, T_reference)
+        combined = combine_drives(read_fleet_drives(results), limits, T_reference)
     report = CiReport(
         "fleet",
         subject,
@@ -155,7 +155,7 @@ def _cases(combined: Fleet) -> list[Case]:
     for drive in combined.drives:
         # An uncertain drive is no reason to distrust the rig; a drive that seems far off is.
         verdict = drive.verdict if drive.is_far else "pass"
-        cases.append(Case(f"drive {drive.member.drive}", verdict, f"{total(drive.offset)} off"))
+        cases.append(Case(f"drive {drive.drive.name}", verdict, f"{total(drive.offset)} off"))
     # The file has the same verdict as the exit code, whatever decides it.
     return [*cases, Case("all together", combined.verdict, counted(len(combined.drives), "drive"))]
 
@@ -174,7 +174,7 @@ def _print(combined: Fleet, written: Sequence[Path], terminal: Terminal) -> None
     order = "in the order of their stamps" if combined.order == "stamp" else "in the order of their names"
     last = combined.parts[-1]
     show("drives", [f"{num_used:,} of {num_all:,} used, {order}"])
-    left_out = [f"{member.drive}: {member.left_out}" for member in combined.left_out]
+    left_out = [f"{drive.name}: {drive.left_out}" for drive in combined.left_out]
     show("left out", first_of(left_out, MAX_LINES))
     show("note", combined.notes)
     apart = [drive for drive in combined.drives if drive.disagrees or drive.is_far]
@@ -196,10 +196,10 @@ def _apart(drive: ComparedDrive) -> str:
     verdict = "disagrees, but is within the limits"
     if drive.is_far:
         verdict = "clearly beyond the limits" if drive.verdict == "fail" else "possibly beyond the limits"
-    return f"{drive.member.drive}: {total(drive.offset)} off, {verdict}"
+    return f"{drive.drive.name}: {total(drive.offset)} off, {verdict}"
 
 
-def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
+def _check_lines(checks: Sequence[AxisVerdict]) -> Iterator[str]:
     """List the totals and the checks that do not pass, by subject."""
     from semcal_cli.cli.tables import COLUMNS
     from semcal_cli.fleet.fleet_verdict import check_words
@@ -212,7 +212,7 @@ def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
         if words.subject != last:
             yield from _wrapped(words.subject, COLUMNS)
         last, unit = words.subject, words.unit[:3]
-        line = f"  {words.quantity:<26}{words.found:>9} +- {words.half_width:<8} {unit:<3}"
+        line = f"  {words.quantity:<26}{words.offset:>9} +- {words.half_width:<8} {unit:<3}"
         yield f"{line} allowed {words.allowed:<7}{check.verdict}"
     if len(shown) > MAX_LINES:
         yield f"  and {len(shown) - MAX_LINES:,} more"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
     from semcal_cli.labelling.image_labeller import ImageLabeller
-    from semcal_cli.labelling.sides import Side
+    from semcal_cli.labelling.sides import LabelSide
 
 MOST_NETWORKS = 2
 """Largest number of networks that label the same images."""
@@ -221,7 +221,7 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
     from semcal_cli.drive.document import output_drive_file, read_drive
     from semcal_cli.errors import InputError, counted
     from semcal_cli.labelling.labelled_drive import label_drive
-    from semcal_cli.labelling.second_labels import note_second, second_file
+    from semcal_cli.labelling.second_labels import record_second_labels, second_file
     from semcal_cli.observations.frame_selection import evenly_spaced
 
     drive = read_drive(path, settings.max_points)
@@ -233,13 +233,13 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
     start, path = perf_counter(), output_drive_file(settings.output)
     run = partial(label_drive, drive, indices=indices, on_event=terminal.on_event)
     first = [*of_images[:1], *of_points]
-    done = run(first, path, again=first if settings.force else ())
+    done = run(first, path, overwrite=first if settings.force else ())
     failures = dict.fromkeys(done.failures)
     for side in of_images[1:]:
         # The sweeps have their labels already.
-        second = run([side, *of_points], second_file(path), again=[side] if settings.force else ())
+        second = run([side, *of_points], second_file(path), overwrite=[side] if settings.force else ())
         failures |= dict.fromkeys(second.failures)
-        terminal.print(note_second(path, second.path).sentence)
+        terminal.print(record_second_labels(path, second.path).sentence)
     reused = f", {done.num_before:,} label files reused" if done.num_before else ""
     terminal.print(
         f"wrote {done.path}: {counted(done.num_frames, 'frame')} in {perf_counter() - start:.1f} s{reused}",
@@ -249,7 +249,7 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
         raise InputError(f"{len(failures)} of {len(indices)} frames failed; {next(iter(failures))}")
 
 
-def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> list[Side]:
+def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> list[LabelSide]:
     """Open the image networks, and draw the preview of the first."""
     from semcal_cli.labelling.sides import image_side
 
@@ -260,7 +260,7 @@ def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> l
     return [*sides[:1], *(replace(side, folder=f"{side.key}_2") for side in sides[1:])]
 
 
-def _point_sides(settings: LabelSettings) -> list[Side]:
+def _point_sides(settings: LabelSettings) -> list[LabelSide]:
     from semcal_cli.labelling.onnx_network import open_network
     from semcal_cli.labelling.sides import segment_side, sweep_side
     from semcal_cli.labelling.sweep_labeller import sweep_labeller

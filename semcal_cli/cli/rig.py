@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
-    from semcal_cli.many.rig.rig_calibration import Pair
+    from semcal_cli.many.rig.rig_calibration import CameraPair
 
 OF_ONE_CAMERA = (
     *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
@@ -146,7 +146,7 @@ def _lines(calibration: RigCalibration, result: Path) -> list[str]:
     ]
 
 
-def _pair_lines(pair: Pair) -> list[str]:
+def _pair_lines(pair: CameraPair) -> list[str]:
     lines = [f"T_{pair.a}_{pair.b}", *(labelled("", line) for line in matrix_lines(pair.T_a_b))]
     if pair.believed_uncertainty is not None:
         center, rotation = intervals(pair.believed_uncertainty.half_widths)

@@ -17,7 +17,6 @@ from semcal_cli.config import (
     AUTO,
     LABELS,
     AdjustmentConfig,
-    AlignmentConfig,
     CueName,
     Device,
     Estimator,
@@ -154,7 +153,6 @@ class SearchSettings(StartSettings):
             zoom=self.zoom,
             max_roll_deg=self.max_roll_deg,
             search_deg=self.search_deg,
-            alignment=AlignmentConfig(max_baseline_m=self.max_baseline_m),
         )
 
     def _read_start(self) -> InitialPose | None:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.observations.loading import LoadedDrive
-    from semcal_cli.pipeline.verdict import Check
+    from semcal_cli.pipeline.verdict import AxisVerdict
     from semcal_cli.pipeline.verification import Verification
 
 
@@ -170,7 +170,7 @@ def _print(verification: Verification) -> None:
     console.print(f"{verification.verdict}: {decisive}", style=COLORS[verification.verdict], markup=False)
 
 
-def _check_line(check: Check) -> str:
+def _check_line(check: AxisVerdict) -> str:
     half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
     offset = round(check.offset, 4) + 0.0  # no -0.0000
     text = f"{offset:.4f} {half:<12}" if check.has_estimate else "not determined"

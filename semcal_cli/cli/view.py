@@ -106,7 +106,6 @@ def _session(
     from semcal_cli.observations.frame_selection import with_few_frames
     from semcal_cli.observations.loading import LoadedDrive, load
     from semcal_cli.observations.reading import load_points, read_clouds
-    from semcal_cli.report.overlays import image_of
     from semcal_cli.report.view.session import Session
 
     sweeps, unlabelled = Sweeps(), ""
@@ -119,8 +118,7 @@ def _session(
             raise
         data = LoadedDrive(few, load_points(few))
     session = Session(data, read_clouds(data.drive, sweeps), config, start, output, unlabelled)
-    for frame in range(len(data.drive.frames)):
-        image_of(data.drive, session.observations, frame)  # a missing one is reported before the page opens
+    session.check_images()  # a missing one is reported before the page opens
     if unlabelled:
         terminal.print(f"note: the page cannot show how well the points fit: {unlabelled}")
     return session

@@ -14,17 +14,13 @@ from semcal_cli.cli.ci import GITHUB_ACTIONS, GITHUB_STEP_SUMMARY
 from semcal_cli.errors import os_reason
 from semcal_cli.many.batch.records import Inputs, write_record
 from semcal_cli.many.batch.run import is_of_machine
-from semcal_cli.many.batch.tasks import LOG, PART, TIMES, Outcome, Task, describe_result, failed
+from semcal_cli.many.batch.tasks import Outcome, Task, describe_outcome
 
 
 def run_task(task: Task, inputs: Inputs) -> Outcome:
     """Run the command of a task, and record its outcome, unless the machine failed and not the drive."""
     ending = _run_to_files(task)
-    if ending.exit_code in (0, 3, 4):
-        outcome = describe_result(task, ending.exit_code)
-    else:
-        line = ending.line or f"the command ended with exit code {ending.exit_code}"
-        outcome = failed(task.drive, line)
+    outcome = describe_outcome(task, ending.exit_code, ending.line)
     if not is_of_machine(ending.failure, Path(task.folder)):
         write_record(task, outcome, inputs, timed_out=False)
     return outcome
@@ -35,24 +31,23 @@ def _run_to_files(task: Task) -> Ending:
     # The batch reports all of its drives to the CI system together.
     for name in (GITHUB_ACTIONS, GITHUB_STEP_SUMMARY):
         os.environ.pop(name, None)
-    folder, result = Path(task.folder), str(task.result)
     arguments = [task.command, task.path, *task.arguments, "--threads", str(task.num_threads)]
     output = None
     if task.command == "calibrate":
-        arguments += ["-o", result, "--log", f"{folder}/{TIMES}"]
+        arguments += ["-o", str(task.result), "--log", str(task.times)]
     else:
         arguments.append("--json")
-        output = Path(f"{result}{PART}")
+        output = task.unfinished_result
     try:
-        with _redirected(2, folder / LOG), _redirected(1, output):
+        with _redirected(2, task.log), _redirected(1, output):
             ending = _run(arguments)
             sys.stdout.flush()
             sys.stderr.flush()
         if output is not None and ending.exit_code != 1:
-            output.replace(result)
+            output.replace(task.result)
         return ending
     except OSError as failure:
-        return Ending(1, f"{failure.filename or folder}: {os_reason(failure)}", failure)
+        return Ending(1, f"{failure.filename or task.folder}: {os_reason(failure)}", failure)
 
 
 def _run(arguments: list[str]) -> Ending:

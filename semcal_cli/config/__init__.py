@@ -7,7 +7,7 @@ settings that change an answer are in the result under `settings.options`. Nothi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from semcal_cli.config.cues import AUTO as AUTO, LABELS as LABELS, CueName as CueName, check_cues
 from semcal_cli.config.setting import MAX_SEED as MAX_SEED, check_settings, setting
@@ -77,12 +77,8 @@ class AlignmentConfig:
     """Length of the first steps, in blocks. It decreases along a cosine."""
     final_step: float = 0.05
     """Length of the last steps, relative to the first."""
-    max_baseline_m: float = MAX_BASELINE_M
-    """Maximum distance between camera and LiDAR."""
     max_points: int = 100_000
     """Maximum number of points used, over all frames and directions."""
-    edge_band_px: ClassVar[int] = 0
-    """Blocks this coarse have no edge band."""
     same_deg: float = 2.0
     """Hypotheses that end within this rotation of one another have found the same pose."""
 
@@ -170,10 +166,6 @@ class ExactConfig:
     """Length of the last steps, relative to the first."""
     max_points: int = 200_000
     """Maximum number of points used, over all frames and directions."""
-    max_baseline_m: float = MAX_BASELINE_M
-    """Maximum distance between camera and LiDAR."""
-    edge_band_px: int = EDGE_BAND_PX
-    """Pixels closer than this to another class count a tenth."""
 
 
 @dataclass(frozen=True)
@@ -213,10 +205,6 @@ class PolishConfig:
     """Rounds end when one moves the points by less than this, root mean square."""
     settled_px: float = 0.1
     """A pose has settled if the last round moved the points by no more than this, or tried to and gained nothing."""
-    max_baseline_m: float = MAX_BASELINE_M
-    """Maximum distance between camera and LiDAR."""
-    edge_band_px: int = EDGE_BAND_PX
-    """Pixels closer than this to another class count a tenth."""
     min_frames: int = 6
     """With fewer frames than this, regions of the images are held out instead of frames."""
     regions_across: int = 9
@@ -236,8 +224,6 @@ class SensitivityConfig:
 
     factor: int = 1
     """Side of a block of the label images, in pixels."""
-    edge_band_px: int = EDGE_BAND_PX
-    """Width of the edge band, as in the polish."""
     max_points: int = 2**62
     """Maximum number of points, over all frames."""
     regions_across: int = 9
@@ -256,8 +242,6 @@ class AscentConfig:
     """Standard deviations of the priors of these variables."""
     evidence: float
     """Nats of log-likelihood per nat of mutual information."""
-    edge_band_px: int = EDGE_BAND_PX
-    """Pixels closer than this to another class count a tenth."""
     max_coarse_points: int = 200_000
     """Maximum number of points used on blocks of more than two pixels, over all frames and directions."""
     max_rounds: int = 8
@@ -266,8 +250,6 @@ class AscentConfig:
     """Newton steps for each choice of points."""
     tolerance: float = 0.02
     """A level ends when a round moves the points by less than this fraction of a block."""
-    max_baseline_m: float = MAX_BASELINE_M
-    """Maximum distance between camera and LiDAR."""
 
 
 FOCAL_SIGMA = 0.02
@@ -332,8 +314,8 @@ class RefinementConfig:
 
     @property
     def polish(self) -> PolishConfig:
-        """Settings of the polish, including those that all stages share."""
-        return PolishConfig(max_baseline_m=self.max_baseline_m, edge_band_px=self.edge_band_px)
+        """Settings of the polish."""
+        return PolishConfig()
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from semcal_cli.config import EDGE_BAND_PX, MAX_BASELINE_M
 from semcal_cli.config.setting import setting
 
 
@@ -51,10 +50,6 @@ class MineConfig:
     """Learning rate of the pose at the end of each level, relative to its start. It decreases along a cosine."""
     mean_decay: float = 0.9
     """Decay of the running mean in the bias-corrected gradient."""
-    max_baseline_m: float = MAX_BASELINE_M
-    """Maximum distance between camera and LiDAR."""
-    edge_band_px: int = EDGE_BAND_PX
-    """Pixels closer than this to another class count a tenth."""
     min_points: int = 50
     """A level with fewer points leaves the pose unchanged."""
 

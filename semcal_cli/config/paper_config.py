@@ -21,5 +21,5 @@ class PaperConfig:
         default_factory=lambda: PyramidConfig(coarsest_block_deg=FAR_DEG, hidden_below_block_deg=0.0)
     )
     """Levels of the pyramid of Alg. 1, coarse enough for the start from Alg. 2."""
-    mine: MineConfig = field(default_factory=lambda: MineConfig(edge_band_px=0))
+    mine: MineConfig = field(default_factory=MineConfig)
     """Network, optimiser, rates and steps of Alg. 1."""

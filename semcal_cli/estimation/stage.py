@@ -1,4 +1,4 @@
-"""Result of a stage of the pipeline: a pose, its quality and its findings."""
+"""Result of a stage of the pipeline: a pose and its quality."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from typing import TypeVar
 
 from semcal_cli import core
 from semcal_cli.events import Listener, Progress, StageDone
-from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageResult:
-    """Pose that a stage found, with its quality and findings."""
+    """Pose that a stage found, with its quality."""
 
     T_camera_lidar: Pose
     """(4, 4), p_camera = T_camera_lidar @ p_lidar, metres."""
@@ -24,8 +23,6 @@ class StageResult:
     """Agreement of the labels at this pose, over all frames."""
     bound_nats: float | None = None
     """Final Donsker-Varadhan bound of MINE on the mutual information (eq. 5); None for other stages."""
-    findings: tuple[Finding, ...] = ()
-    """Findings of the stage against the pose."""
     note: str = ""
     """What the stage did, in plain words; empty if its movement says it all."""
     details: str = ""

@@ -75,13 +75,13 @@ class Pool:
         """Make a drive. Other processes may make it at the same time; the first one to finish puts it in place."""
         self.folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=self.folder) as folder:
-            made = Path(folder) / "drive"
-            synthesize(config, made)
+            new_drive = Path(folder) / "drive"
+            synthesize(config, new_drive)
             if not self.has_images:
-                for image in (made / "images").iterdir():
+                for image in (new_drive / "images").iterdir():
                     image.unlink()
             try:
-                made.rename(path)
+                new_drive.rename(path)
             except OSError:
                 if not (path / DRIVE_FILE).exists():
                     raise InputError(

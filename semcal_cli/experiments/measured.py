@@ -33,12 +33,12 @@ def machine() -> dict[str, object]:
 @cache
 def measured_here() -> str:
     """Describe where and when this process runs: the machine, the date and the commit."""
-    found = machine()
+    description = machine()
     files = sorted(Path("/proc/driver/nvidia/gpus").glob("*/information"))
     models = [re.search(r"^Model:\s*(.+)", file.read_text(), re.MULTILINE) for file in files]
     gpu = " and ".join(model[1] for model in models if model) or "no NVIDIA GPU"
-    cores = f"{found['cores']} core{'s' * (found['cores'] != 1)}"
-    return f"{found['processor']}, {cores}, {gpu}, {date.today()}, {commit()}"
+    cores = f"{description['cores']} core{'s' * (description['cores'] != 1)}"
+    return f"{description['processor']}, {cores}, {gpu}, {date.today()}, {commit()}"
 
 
 def commit() -> str:

@@ -64,11 +64,11 @@ class Scene:
     def ascend(self, observations: Observations, T_init: Pose, estimator: Estimator) -> Pose:
         """Ascend mutual information as `calibrate` does or, from any other start, as `calibrate --init` does."""
         data = LoadedDrive(self.drive, observations)
-        given = InitialPose(T_init, "start")
+        start = InitialPose(T_init, "start")
         initial: StageResult = (
-            start_at(data, given)
+            start_at(data, start)
             if self.is_initialized
-            else initialize(data, InitializationConfig(), initial_pose=given)
+            else initialize(data, InitializationConfig(), initial_pose=start)
         )
         return refine_and_polish(data, initial, RefinementConfig(estimator)).T_camera_lidar
 
@@ -77,10 +77,10 @@ class Scene:
 class Method:
     """A calibration method."""
 
-    sees: str
+    source: str
     """Attribute of `Scene` that holds the observations that it uses."""
     find: Callable[[Scene, Observations, Pose], Pose]
-    """Function that finds a pose from the scene, these observations and a start; it may raise a `SemcalError`."""
+    """Function that estimates a pose from the scene, these observations and a start; it may raise a `SemcalError`."""
     color: str
     """Colour of the method in plots."""
     is_slow: bool = False
@@ -89,15 +89,15 @@ class Method:
     @property
     def is_by_labels(self) -> bool:
         """Whether it compares labels; otherwise wrong labels have no effect on it."""
-        return self.sees in ("labels", "raw_labels")
+        return self.source in ("labels", "raw_labels")
 
     def prepare(self, scene: Scene) -> Observations:
-        """Read what the method sees; the time of that counts for no method.
+        """Read what the method uses; the time of that counts for no method.
 
         Raises:
             SemcalError: the drive does not have it.
         """
-        observations: Observations = getattr(scene, self.sees)
+        observations: Observations = getattr(scene, self.source)
         _ = observations.core
         return observations
 
@@ -105,25 +105,25 @@ class Method:
 PAPER = PaperConfig()
 PMI_AS_PUBLISHED = replace(
     PAPER,
-    mine=replace(MINE_WITH_VECTORS, edge_band_px=0),
+    mine=MINE_WITH_VECTORS,
     pyramid=replace(PAPER.pyramid, coarsest_block_deg=1.0),
 )
 """Intensity guides the pose only locally: on both drives that were tried, coarser blocks led raw values farther
 away."""
 
 
-def _published(scene: Scene, seen: Observations, T_init: Pose) -> Pose:
-    config = PMI_AS_PUBLISHED if seen.has_vectors else PAPER
-    return paper.refine(seen, T_init, config, seed=0).T_camera_lidar
+def _published(scene: Scene, observations: Observations, T_init: Pose) -> Pose:
+    config = PMI_AS_PUBLISHED if observations.has_vectors else PAPER
+    return paper.refine(observations, T_init, config, seed=0).T_camera_lidar
 
 
-def _published_from_nothing(scene: Scene, seen: Observations, T_init: Pose) -> Pose:
-    best, *_ = paper.initialize(seen, PAPER, seed=0)
-    return _published(scene, seen, best.T_camera_lidar)
+def _published_from_nothing(scene: Scene, observations: Observations, T_init: Pose) -> Pose:
+    best, *_ = paper.initialize(observations, PAPER, seed=0)
+    return _published(scene, observations, best.T_camera_lidar)
 
 
-def _soic(scene: Scene, seen: Observations, T_init: Pose) -> Pose:
-    return Soic(seen, SoicConfig()).minimize(T_init).T_camera_lidar
+def _soic(scene: Scene, observations: Observations, T_init: Pose) -> Pose:
+    return Soic(observations, SoicConfig()).minimize(T_init).T_camera_lidar
 
 
 _exact, _mine = partial(Scene.ascend, estimator="exact"), partial(Scene.ascend, estimator="mine")

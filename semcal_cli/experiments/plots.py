@@ -70,7 +70,7 @@ def make_logarithmic(axes: Axes) -> None:
     axes.set_yscale("log")
     low, high = axes.yaxis.get_view_interval()
     decades = np.log10(high / low)
-    multiples = next(multiples for most, multiples in MULTIPLES.items() if decades <= most)
+    multiples = next(multiples for max_decades, multiples in MULTIPLES.items() if decades <= max_decades)
     axes.yaxis.set_major_locator(LogLocator(base=10.0, subs=multiples))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: plain_number(value)))
     axes.yaxis.set_minor_formatter(NullFormatter())

@@ -59,18 +59,18 @@ class Soic:
         return self.distance.minimize(T_init, self.config)
 
     def _parts(self, frame: int) -> Iterator[tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
-        """Give the number, the points and the distance field of each shared class in a frame."""
+        """Yield the number, the points and the distance field of each shared class in a frame."""
         cloud = self.observations.clouds[frame]
         points, classes = cloud.points, cloud.classes
         image, block = self.observations.images[frame].classes, self.config.block_px
         height, width = (max(side // block, 1) for side in image.shape)
         for number, (point_class, pixel_class) in enumerate(self.classes):
-            chosen = points[classes == point_class]
-            others = image != pixel_class
-            if len(chosen) == 0 or others.all():
+            class_points = points[classes == point_class]
+            is_other = image != pixel_class
+            if len(class_points) == 0 or is_other.all():
                 continue
-            distances = cv2.distanceTransform(others.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+            distances = cv2.distanceTransform(is_other.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
             # Rows and columns after the last whole block are left out, so that all blocks have the same size.
-            whole = distances[: height * block, : width * block]
-            small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-            yield number, chosen, small.astype(np.float32, copy=False)
+            cropped = distances[: height * block, : width * block]
+            block_means = cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA)
+            yield number, class_points, block_means.astype(np.float32, copy=False)

@@ -28,7 +28,7 @@ class Column:
     """Field that all results of a group share; empty for other columns."""
 
 
-def grouped(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key, list[Result]]:
+def group_results(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key, list[Result]]:
     """Group results by a key, in the order of the results."""
     groups: dict[Key, list[Result]] = {}
     for result in results:
@@ -42,9 +42,9 @@ def summarise(results: Iterable[Any], columns: Sequence[Column]) -> list[dict[st
     A group is the results with equal values in the fields of the columns.
     """
     fields = [column.field for column in columns if column.field]
-    groups = grouped(results, lambda result: tuple(getattr(result, field) for field in fields))
+    groups = group_results(results, lambda result: tuple(getattr(result, field) for field in fields))
     measures = {key: measure for column in columns for key, measure in column.figures.items()}
-    return [{key: measure(found) for key, measure in measures.items()} for found in groups.values()]
+    return [{key: measure(group) for key, measure in measures.items()} for group in groups.values()]
 
 
 def summary_table(rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]) -> str:
@@ -65,14 +65,14 @@ def table_row(*cells: object) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def of(field: str, measure: Callable[[Sequence[Any]], Any]) -> Measure:
+def measure_of(field: str, measure: Callable[[Sequence[Any]], Any]) -> Measure:
     """Make a measure of one field of the results."""
-    return lambda found: measure([getattr(result, field) for result in found])
+    return lambda group: measure([getattr(result, field) for result in group])
 
 
 def common(field: str, header: str, show: Callable[[Any], object] = str) -> Column:
     """Make the column of a field that all results of a group share."""
-    return Column(header, {field: of(field, lambda values: values[0])}, show, field)
+    return Column(header, {field: measure_of(field, lambda values: values[0])}, show, field)
 
 
 def cell(header: str, measure: Measure) -> Column:
@@ -80,33 +80,33 @@ def cell(header: str, measure: Measure) -> Column:
     return Column(header, {header: measure})
 
 
-def count(header: str, is_so: Callable[[Any], bool], key: str = "") -> Column:
+def count(header: str, condition: Callable[[Any], bool], key: str = "") -> Column:
     """Make the column of the number of results that meet a condition, whose figure has a key or that of the header."""
-    return Column(header, {key or header: lambda found: sum(map(is_so, found))})
+    return Column(header, {key or header: lambda group: sum(map(condition, group))})
 
 
 def digits(number: int) -> Callable[[Sequence[float] | float | None], str]:
     """Make a function that formats values with this many decimals; None becomes an empty cell."""
 
     def show(values: Sequence[float] | float | None) -> str:
-        listed = values if isinstance(values, Sequence) else () if values is None else (values,)
-        return ", ".join(f"{value:.{number}f}" for value in listed)
+        numbers = values if isinstance(values, Sequence) else () if values is None else (values,)
+        return ", ".join(f"{value:.{number}f}" for value in numbers)
 
     return show
 
 
 def median(values: Sequence[float]) -> float:
-    """Median of values."""
+    """Return the median of values."""
     return float(np.median(values))
 
 
 def median_and_worst(values: Sequence[float]) -> tuple[float, float]:
-    """Median and worst of values."""
+    """Return the median and the worst of values."""
     return median(values), max(values)
 
 
 def distribution(values: Sequence[float]) -> tuple[float, float, float]:
-    """Median, 95 % quantile and worst of errors."""
+    """Return the median, the 95 % quantile and the worst of errors."""
     # Quantiles are not interpolated, since a value may be infinite.
     return median(values), float(np.quantile(values, 0.95, method="higher")), max(values)
 
@@ -115,7 +115,7 @@ def error_columns(
     figures: str, measure: Callable[[Sequence[float]], Any], deg_digits: int = 4, cm_digits: int = 2
 ) -> tuple[Column, Column]:
     """Make the columns of the errors of the rotation, in degrees, and of the camera centre, in centimetres."""
-    deg, cm = ({field: of(field, measure)} for field in ("rotation_deg", "camera_center_cm"))
+    deg, cm = ({field: measure_of(field, measure)} for field in ("rotation_deg", "camera_center_cm"))
     return (
         Column(f"rotation, deg: {figures}", deg, digits(deg_digits)),
         Column(f"camera centre, cm: {figures}", cm, digits(cm_digits)),
@@ -125,5 +125,5 @@ def error_columns(
 NUMBER = Column("n", {"n": len})
 """Number of results."""
 ERRORS = error_columns("median, 95 %, worst", distribution)
-SECONDS = Column("s", {"seconds": of("seconds", median)}, digits(1))
+SECONDS = Column("s", {"seconds": measure_of("seconds", median)}, digits(1))
 """Median time."""

@@ -21,7 +21,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.drives import calibrate_from
-from semcal_cli.experiments.experiment import RESULTS, SUMMARY, TABLE, Report
+from semcal_cli.experiments.experiment_run import RESULTS, SUMMARY, TABLE, Report
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.published import PublishedRow, published_rows
 from semcal_cli.experiments.soic import Soic
@@ -34,7 +34,7 @@ from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.pipeline import initialize
-from semcal_cli.report.overlays import Overlays, add_caption, draw_legend
+from semcal_cli.report.overlays import Overlays, with_legend
 from semcal_cli.result.calibration_document import Status
 
 ORDER = (
@@ -57,7 +57,7 @@ LEGEND = (
 
 
 @dataclass
-class Comparison:
+class MethodComparison:
     """The poses of every method on a drive."""
 
     drive: Drive
@@ -81,7 +81,7 @@ def compare(
     initial_pose: InitialPose | None,
     frame: int,
     progress: Callable[[str], None],
-) -> Comparison:
+) -> MethodComparison:
     """Calibrate a drive by every method.
 
     Args:
@@ -96,8 +96,8 @@ def compare(
         CalibrationError: labels cannot be compared at all.
     """
     if frame >= len(data.drive.frames):
-        found = len(data.drive.frames)
-        raise InputError(f"{data.drive.path}: found {found} frames, needed one numbered {frame}")
+        num_frames = len(data.drive.frames)
+        raise InputError(f"{data.drive.path}: found {num_frames} frames, needed one numbered {frame}")
     # The image is checked before the long computation.
     read_frame_image(data.drive, data.drive.frames[frame])
     progress(
@@ -106,19 +106,19 @@ def compare(
     initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
     T_init = initial.T_camera_lidar if initial_pose is None else initial_pose.T_camera_lidar
     poses = {"reference": T_reference, "start": T_init}
-    comparison = Comparison(data.drive, data.observations, poses, published_rows(T_reference))
+    comparison = MethodComparison(data.drive, data.observations, poses, published_rows(T_reference))
     scene = Scene(data.drive, is_initialized=initial_pose is None)
     for method in ORDER:
         progress(f"calibrating by {method}")
         try:
-            seen = METHODS[method].prepare(scene)
+            observations = METHODS[method].prepare(scene)
             start = perf_counter()
             if method == "semcal":
                 stages, verdict = calibrate_from(initial, data, RefinementConfig())
                 poses[method] = stages.T_camera_lidar
                 comparison.status, comparison.reasons = verdict.status, verdict.reasons
             else:
-                poses[method] = METHODS[method].find(scene, seen, T_init)
+                poses[method] = METHODS[method].find(scene, observations, T_init)
             comparison.seconds[method] = perf_counter() - start
         except SemcalError as failure:
             comparison.failures[method] = str(failure)
@@ -151,21 +151,21 @@ class Row:
     @property
     def cells(self) -> tuple[str, str, str]:
         """Rotation vector, translation and angles as text."""
-        found = list(vars(self).values())[1:10]
-        x, y, z = (", ".join(f"{v:.2f}" for v in np.round(found[k : k + 3], 2) + 0.0) for k in (0, 3, 6))
+        values = list(vars(self).values())[1:10]
+        x, y, z = (", ".join(f"{v:.2f}" for v in np.round(values[k : k + 3], 2) + 0.0) for k in (0, 3, 6))
         return x, y, z
 
 
-def describe(found: Comparison) -> list[Row]:
+def describe(comparison: MethodComparison) -> list[Row]:
     """Describe the reference, the paper's poses, the start, and the pose of each method."""
     try:
-        soic = Soic(found.labels, SoicConfig())
+        soic = Soic(comparison.labels, SoicConfig())
     except CalibrationError:
         soic = None
     rows = []
-    T_reference = found.poses["reference"]
-    published = {row.method: row.T_camera_lidar for row in found.published}
-    for method, T in ({"reference": T_reference} | published | found.poses).items():
+    T_reference = comparison.poses["reference"]
+    published = {row.method: row.T_camera_lidar for row in comparison.published}
+    for method, T in ({"reference": T_reference} | published | comparison.poses).items():
         error = compare_poses(T, T_reference)
         cost = math.inf if soic is None else soic.cost(T)
         values: list[Any] = [
@@ -175,30 +175,30 @@ def describe(found: Comparison) -> list[Row]:
             *mounting_rpy_deg(T).tolist(),
             error.rotation_deg,
             error.camera_center_cm,
-            core.agreement(found.labels.core, T).mutual_information,
+            core.agreement(comparison.labels.core, T).mutual_information,
             cost if math.isfinite(cost) else None,
         ]
         rows.append(Row(*values))
     return rows
 
 
-def markdown(found: Comparison, rows: Sequence[Row]) -> str:
+def markdown(comparison: MethodComparison, rows: Sequence[Row]) -> str:
     """Format the table."""
     lines = []
     for row in rows:
         error = f"{row.rotation_error_deg:.3f} deg, {row.camera_center_error_cm:.1f} cm"
-        off = "" if row.method == "reference" else error
+        error_text = "" if row.method == "reference" else error
         distance = "" if row.distance_px is None else f"{row.distance_px:.2f}"
-        seconds = f"{found.seconds[row.method]:.1f}" if row.method in found.seconds else ""
+        seconds = f"{comparison.seconds[row.method]:.1f}" if row.method in comparison.seconds else ""
         information = f"{row.mutual_information_nats:.4f}"
-        lines.append((row.method, *row.cells, off, information, distance, seconds))
+        lines.append((row.method, *row.cells, error_text, information, distance, seconds))
     table = markdown_table(HEADERS, lines)
     # Rows without an answer are appended, because their empty cells have another width.
     table += "".join(
-        f"| {method} | failed: {_cell(text)} | | | | | | |\n" for method, text in found.failures.items()
+        f"| {method} | failed: {_cell(text)} | | | | | | |\n" for method, text in comparison.failures.items()
     )
-    notes = [LEGEND, *(f"{_cell(row.method).capitalize()}: {row.source}." for row in found.published)]
-    verdict = f"semcal's own verdict: {'; '.join([found.status or 'failed', *found.reasons])}."
+    notes = [LEGEND, *(f"{_cell(row.method).capitalize()}: {row.source}." for row in comparison.published)]
+    verdict = f"semcal's own verdict: {'; '.join([comparison.status or 'failed', *comparison.reasons])}."
     return "\n\n".join([table.rstrip("\n"), *notes, f"{verdict}\n"])
 
 
@@ -207,34 +207,33 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def write_table(found: Comparison, frame: int, folder: Path) -> str:
+def write_table(comparison: MethodComparison, frame: int, folder: Path) -> str:
     """Write CSV, JSON, the table and the images of a frame into a folder, and return the table.
 
     Raises:
         InputError: a file cannot be written.
     """
-    rows = describe(found)
-    table = markdown(found, rows)
+    rows = describe(comparison)
+    table = markdown(comparison, rows)
     facts = {
-        "drive": str(found.drive.path),
-        "status": found.status,
-        "reasons": found.reasons,
-        "seconds": found.seconds,
-        "failures": found.failures,
-        "published": [vars(row) for row in found.published],
+        "drive": str(comparison.drive.path),
+        "status": comparison.status,
+        "reasons": comparison.reasons,
+        "seconds": comparison.seconds,
+        "failures": comparison.failures,
+        "published": [vars(row) for row in comparison.published],
     }
     Report([vars(row) for row in rows], table, facts=facts).write("table", rows, folder)
-    _write_images(found, frame, folder)
+    _write_images(comparison, frame, folder)
     return table
 
 
-def _write_images(found: Comparison, frame: int, folder: Path) -> None:
+def _write_images(comparison: MethodComparison, frame: int, folder: Path) -> None:
     """Draw the points of a frame at each pose, one image each, as in the paper's (a) to (d)."""
-    images, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
+    images, legend = Overlays(comparison.drive, comparison.labels, comparison.poses).draw(frame)
     for file, method in zip(IMAGE_FILES, IMAGES, strict=True):
         path = folder / file
         # An image of an earlier run would be mistaken for one of this run.
         path.unlink(missing_ok=True)
         if method in images:
-            image = add_caption(images[method], f"({file[0]}) {method}", images[method].shape[1])
-            write_image(np.vstack([image, draw_legend(legend, image.shape[1])]), path)
+            write_image(with_legend({f"({file[0]}) {method}": images[method]}, legend), path)

@@ -1,1 +1,1 @@
-"""What a check says."""
+"""What a check says: findings, limits, and the entry that explains a finding."""

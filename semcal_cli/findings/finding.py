@@ -13,9 +13,9 @@ class Finding(NamedTuple):
     found: str
     """What was found, with its figure and what was needed."""
     advice: str
-    """What to do about it, in the imperative."""
+    """What to do about it, in the imperative; empty if the sentence says it all."""
 
     @property
     def sentence(self) -> str:
         """The sentence to show: what was found, and what to do about it."""
-        return f"{self.found}: {self.advice}"
+        return f"{self.found}: {self.advice}" if self.advice else self.found

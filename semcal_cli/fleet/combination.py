@@ -17,9 +17,9 @@ from semcal_cli import core
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
-from semcal_cli.fleet.consensus import Scatter, extra_scatter, robust_mean
-from semcal_cli.fleet.fleet_drives import Member
-from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, Order, Part
+from semcal_cli.fleet.consensus import ExtraScatter, extra_scatter, robust_mean
+from semcal_cli.fleet.fleet_drives import FleetDrive
+from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, Order, RigPart
 from semcal_cli.fleet.fleet_verdict import MIN_DRIVES, conclude, judge_fleet, notes
 from semcal_cli.fleet.history import RigHistory, find_history
 from semcal_cli.geometry.arrays import Matrices, Pose, Vectors
@@ -32,46 +32,46 @@ ALPHA = 0.01
 DAY_S = 86_400.0
 
 
-def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose | None = None) -> Fleet:
+def combine_drives(drives: Sequence[FleetDrive], limits: Limits, T_reference: Pose | None = None) -> Fleet:
     """Combine the drives of one rig.
 
     Args:
-        members: The drives in any order; they are sorted by stamp, or by name if they have no stamps.
+        drives: The drives in any order; they are sorted by stamp, or by name if they have no stamps.
         limits: Largest allowed offsets of the drives, and changes of the rig.
         T_reference: T_camera_lidar (4, 4) that the rig should have.
 
     Raises:
         CalibrationError: no drive can be used.
     """
-    used, left_out = _usable(members)
-    used, times, order = _in_order(used)
-    series = _make_series(used, times)
+    usable, left_out = _split_usable(drives)
+    usable, times, order = _sort_drives(usable)
+    series = _make_series(usable, times)
     history = find_history(times, series.coordinates, series.covariances, series.degrees_of_freedom)
-    T_now, covariance = pose_at(series.T_middle, history.expected[-1]), history.covariances[-1]
-    drives = _compare_drives(used, series, history, limits)
-    parts = _parts(used, series, history)
-    drifted, off_reference = None, None
+    T_now, covariance = pose_at(series.T_mean, history.expected[-1]), history.covariances[-1]
+    compared = _compare_drives(usable, series, history, limits)
+    parts = _describe_parts(usable, series, history)
+    drift, from_reference = None, None
     if history.drift is not None:
         span = float(times[-1] - times[0])
-        drifted = series.offset(span * history.drift.per_unit, span**2 * history.drift.covariance)
-    known = Offset(np.zeros(6), series.half_widths(covariance))
+        drift = series.offset(span * history.drift.per_unit, span**2 * history.drift.covariance)
+    interval = Offset(np.zeros(6), series.half_widths(covariance))
     if T_reference is not None:
-        (off,) = local_coordinates([T_now], T_reference)
-        off_reference = Offset(_along_axes(off), known.half_widths)
-    checks = judge_fleet(known, off_reference, parts, drifted, limits)
-    verdict, reasons = conclude(checks, drives, left_out, parts, drifted)
+        (coordinates,) = local_coordinates([T_now], T_reference)
+        from_reference = Offset(_along_axes(coordinates), interval.half_widths)
+    checks = judge_fleet(interval, from_reference, parts, drift, limits)
+    verdict, reasons = conclude(checks, compared, left_out, parts, drift)
     return Fleet(
         verdict,
         reasons,
-        notes(used, order),
+        notes(usable, order),
         checks,
         T_now,
         covariance + series.of_intrinsics,
         _half_widths(np.diag(series.extra.variances), np.ones(6)),
         order,
         parts,
-        drifted,
-        drives,
+        drift,
+        compared,
         left_out,
         limits,
     )
@@ -82,12 +82,12 @@ class _Series:
     """Drives in chronological order, in local coordinates about their mean."""
 
     times: npt.NDArray[np.float64]
-    T_middle: Pose
+    T_mean: Pose
     """Mean of the drives, T_camera_lidar."""
     coordinates: Vectors
     covariances: Matrices
     """Stated covariances, with the extra scatter added."""
-    extra: Scatter
+    extra: ExtraScatter
     factors: npt.NDArray[np.float64]
     """(6,) half widths of a 95 % interval, in standard errors, from Student's distribution."""
     of_intrinsics: npt.NDArray[np.float64]
@@ -103,7 +103,7 @@ class _Series:
         return Offset(_along_axes(coordinates), _half_widths(covariance, self.factors))
 
     def half_widths(self, covariance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Half widths (6,) of a combined pose, from the scatter of the drives (6, 6) and from errors of K."""
+        """Return half widths (6,) of a combined pose, from the scatter of the drives (6, 6) and from errors of K."""
         of_intrinsics = _half_widths(self.of_intrinsics, np.full(6, NORMAL_95))
         return np.hypot(_half_widths(covariance, self.factors), of_intrinsics)
 
@@ -121,72 +121,74 @@ def _half_widths(
     return np.concatenate([sigmas[:3], np.degrees(sigmas[3:])])
 
 
-def _usable(members: Sequence[Member]) -> tuple[list[Member], tuple[Member, ...]]:
+def _split_usable(drives: Sequence[FleetDrive]) -> tuple[list[FleetDrive], tuple[FleetDrive, ...]]:
     """Separate the drives that can be used from those that are left out.
 
     Raises:
         CalibrationError: none can be used.
     """
-    usable = [member for member in members if member.left_out is None]
-    left_out = tuple(sorted((m for m in members if m.left_out is not None), key=lambda m: m.drive))
+    usable = [drive for drive in drives if drive.left_out is None]
+    left_out = tuple(
+        sorted((drive for drive in drives if drive.left_out is not None), key=lambda drive: drive.name)
+    )
     if not usable:
         raise CalibrationError(
-            f"found no usable drive among {len(members):,}, needed {MIN_DRIVES}; the first, "
-            f"{left_out[0].drive}: {left_out[0].left_out}"
+            f"found no usable drive among {len(drives):,}, needed {MIN_DRIVES}; the first, "
+            f"{left_out[0].name}: {left_out[0].left_out}"
             if left_out
             else f"found no drives, needed {MIN_DRIVES}"
         )
     return usable, left_out
 
 
-def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64], Order]:
+def _sort_drives(drives: list[FleetDrive]) -> tuple[list[FleetDrive], npt.NDArray[np.float64], Order]:
     """Sort drives by stamp, in days since the first, or by name if their stamps cannot be compared."""
-    by_name = sorted(used, key=lambda member: _natural(member.drive))
-    stamps = [member.stamp for member in by_name if member.stamp is not None and member.has_stamp]
-    if len(stamps) < len(used) or len(set(stamps)) == 1:
-        return by_name, np.arange(len(used), dtype=np.float64), "name"
+    by_name = sorted(drives, key=lambda drive: _natural_key(drive.name))
+    stamps = [drive.stamp for drive in by_name if drive.stamp is not None and drive.has_stamp]
+    if len(stamps) < len(drives) or len(set(stamps)) == 1:
+        return by_name, np.arange(len(drives), dtype=np.float64), "name"
     order = np.argsort(stamps, kind="stable")
     return [by_name[i] for i in order], (np.sort(stamps) - min(stamps)) / DAY_S, "stamp"
 
 
-def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
-    """Sort key that puts 10 after 2."""
+def _natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Return a sort key that puts 10 after 2."""
     parts = re.split(r"([0-9]+)", name)
     digits = (part.lstrip("0") if index % 2 else part for index, part in enumerate(parts))
     return [(len(part) if index % 2 else 0, part) for index, part in enumerate(digits)], name
 
 
-def _make_series(used: Sequence[Member], times: npt.NDArray[np.float64]) -> _Series:
+def _make_series(drives: Sequence[FleetDrive], times: npt.NDArray[np.float64]) -> _Series:
     """Compute the mean of the drives, their scatter, and the coordinates of each about the mean."""
-    poses = [member.T_camera_lidar for member in used if member.T_camera_lidar is not None]
-    stated = np.array([member.covariance for member in used])
-    T_middle = robust_mean(poses, stated).T_camera_lidar
-    extra = extra_scatter(local_coordinates(poses, T_middle), stated)
-    covariances = stated + np.diag(extra.variances)
-    T_middle = robust_mean(poses, covariances).T_camera_lidar
+    poses = [drive.T_camera_lidar for drive in drives if drive.T_camera_lidar is not None]
+    stated_covariances = np.array([drive.covariance for drive in drives])
+    T_mean = robust_mean(poses, stated_covariances).T_camera_lidar
+    extra = extra_scatter(local_coordinates(poses, T_mean), stated_covariances)
+    covariances = stated_covariances + np.diag(extra.variances)
+    T_mean = robust_mean(poses, covariances).T_camera_lidar
     factors = np.array([core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
-    shared = [member.of_intrinsics for member in used if member.of_intrinsics is not None]
-    of_intrinsics = np.mean(shared, axis=0) if shared else np.zeros((6, 6))
-    coordinates = local_coordinates(poses, T_middle)
-    return _Series(times, T_middle, coordinates, covariances, extra, factors, of_intrinsics)
+    shared_covariances = [drive.of_intrinsics for drive in drives if drive.of_intrinsics is not None]
+    of_intrinsics = np.mean(shared_covariances, axis=0) if shared_covariances else np.zeros((6, 6))
+    coordinates = local_coordinates(poses, T_mean)
+    return _Series(times, T_mean, coordinates, covariances, extra, factors, of_intrinsics)
 
 
 def _compare_drives(
-    used: Sequence[Member], series: _Series, history: RigHistory, limits: Limits
+    drives: Sequence[FleetDrive], series: _Series, history: RigHistory, limits: Limits
 ) -> tuple[ComparedDrive, ...]:
     """Compare each drive with the rig's pose at its time."""
-    off = series.coordinates - history.expected
-    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(series.covariances), off)
-    disagrees = squared > joint_quantile(ALPHA / len(used), series.degrees_of_freedom)
-    parts = np.searchsorted(history.starts, np.arange(len(used)), side="right") - 1
+    deviations = series.coordinates - history.expected
+    squared = np.einsum("ni,nij,nj->n", deviations, np.linalg.inv(series.covariances), deviations)
+    disagrees = squared > joint_quantile(ALPHA / len(drives), series.degrees_of_freedom)
+    parts = np.searchsorted(history.starts, np.arange(len(drives)), side="right") - 1
     expected = _along_axes(history.expected - history.expected[-1])
-    drives = []
-    for index, member in enumerate(used):
-        offset = series.offset(off[index], series.covariances[index])
+    compared = []
+    for index, drive in enumerate(drives):
+        offset = series.offset(deviations[index], series.covariances[index])
         checks = offset.judge(limits)
-        drives.append(
+        compared.append(
             ComparedDrive(
-                member,
+                drive,
                 float(series.times[index]),
                 int(parts[index]),
                 expected[index],
@@ -196,10 +198,12 @@ def _compare_drives(
                 verdict=together(check.verdict for check in checks),
             )
         )
-    return tuple(drives)
+    return tuple(compared)
 
 
-def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tuple[Part, ...]:
+def _describe_parts(
+    drives: Sequence[FleetDrive], series: _Series, history: RigHistory
+) -> tuple[RigPart, ...]:
     """Describe each period in which the rig did not change."""
     expected, covariances = history.expected, history.covariances
 
@@ -208,14 +212,14 @@ def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tupl
         return series.offset(expected[after] - expected[before], covariance)
 
     return tuple(
-        Part(
-            used[begin].drive,
-            used[end - 1].drive,
+        RigPart(
+            drives[begin].name,
+            drives[end - 1].name,
             end - begin,
-            pose_at(series.T_middle, expected[end - 1]),
+            pose_at(series.T_mean, expected[end - 1]),
             series.half_widths(covariances[end - 1]),
             change=change(begin - 1, begin) if number > 0 else None,
             overall_change=change(0, begin) if number > 1 else None,
         )
-        for number, (begin, end) in enumerate(pairwise((*history.starts, len(used))))
+        for number, (begin, end) in enumerate(pairwise((*history.starts, len(drives))))
     )

@@ -29,11 +29,11 @@ MAX_SQUARE = 4.0
 EFFICIENCY, MEDIAN_EFFICIENCY = 0.6, 0.25
 """Efficiency of the variance of the differences between neighbours, and of their median, relative to the variance about
 a known mean."""
-FAR = 0.0005
+FAR_PROBABILITY = 0.0005
 """Probability, on each side, below which a difference is not due to chance and is left out of the scatter."""
 NUM_HALVINGS = 80
 MAX_ROUNDS = 50
-SETTLED = 1e-12
+MAX_LAST_STEP = 1e-12
 """Largest entry of the last step, metres and radians, at which the mean has converged."""
 
 
@@ -45,7 +45,7 @@ class Mean(NamedTuple):
     """(6, 6) covariance of (rho, phi) about the mean."""
 
 
-class Scatter(NamedTuple):
+class ExtraScatter(NamedTuple):
     """The scatter of a series beyond its stated covariances."""
 
     variances: npt.NDArray[np.float64]
@@ -54,7 +54,7 @@ class Scatter(NamedTuple):
     """(6,) degrees of freedom of the whole scatter, stated and extra together (Satterthwaite)."""
 
 
-def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
+def extra_scatter(series: Vectors, covariances: Matrices) -> ExtraScatter:
     """Estimate the scatter of a series beyond its stated covariances.
 
     The extra variance makes the differences between neighbours as large as those of a normal distribution. First their
@@ -64,40 +64,44 @@ def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
     """
     num_differences = len(series) - 1
     if num_differences < 2:
-        return Scatter(np.zeros(6), np.ones(6))
+        return ExtraScatter(np.zeros(6), np.ones(6))
     squared = np.diff(series, axis=0) ** 2
     variances = np.diagonal(covariances, axis1=1, axis2=2)
-    stated = variances[1:] + variances[:-1]
+    stated_variances = variances[1:] + variances[:-1]
     median = float(chi2.ppf(0.5, 1))
-    first = _solve(stated, squared, lambda squares: np.median(squares, axis=0) - median)
-    far = student_t.isf(FAR, MEDIAN_EFFICIENCY * num_differences) ** 2
-    is_near = np.flatnonzero((squared / (stated + 2.0 * first) < far).all(axis=1))
+    first_variances = _solve(stated_variances, squared, lambda squares: np.median(squares, axis=0) - median)
+    far = student_t.isf(FAR_PROBABILITY, MEDIAN_EFFICIENCY * num_differences) ** 2
+    is_near = np.flatnonzero((squared / (stated_variances + 2.0 * first_variances) < far).all(axis=1))
     if not is_near.size:
         is_near = np.arange(num_differences)
     mean = float(chi2.cdf(MAX_SQUARE, 3) + MAX_SQUARE * chi2.sf(MAX_SQUARE, 1))
-    found = _solve(
-        stated[is_near], squared[is_near], lambda squares: np.minimum(squares, MAX_SQUARE).mean(axis=0) - mean
+    extra = _solve(
+        stated_variances[is_near],
+        squared[is_near],
+        lambda squares: np.minimum(squares, MAX_SQUARE).mean(axis=0) - mean,
     )
     # Even an extra variance of zero is known no better than this number of differences allows; the least share has a
     # square.
-    share = np.maximum(found / (found + variances.mean(axis=0)), 1e-3)
-    return Scatter(found, np.minimum(EFFICIENCY * len(is_near) / share**2, len(is_near)))
+    share = np.maximum(extra / (extra + variances.mean(axis=0)), 1e-3)
+    return ExtraScatter(extra, np.minimum(EFFICIENCY * len(is_near) / share**2, len(is_near)))
 
 
 def _solve(
-    stated: Vectors, squared: Vectors, excess: Callable[[Vectors], npt.NDArray[np.float64]]
+    stated_variances: Vectors,
+    squared_differences: Vectors,
+    excess: Callable[[Vectors], npt.NDArray[np.float64]],
 ) -> npt.NDArray[np.float64]:
     """Find the extra variances (6,) at which the excess of the squared differences, in variances, is zero.
 
     They are zero where the stated variances suffice.
     """
-    low, high = np.zeros(6), squared.max(axis=0) * len(squared)
+    low, high = np.zeros(6), squared_differences.max(axis=0) * len(squared_differences)
     for _ in range(NUM_HALVINGS):
         middle = 0.5 * (low + high)
-        is_too_small = excess(squared / (stated + 2.0 * middle)) > 0.0
+        is_too_small = excess(squared_differences / (stated_variances + 2.0 * middle)) > 0.0
         low, high = np.where(is_too_small, middle, low), np.where(is_too_small, high, middle)
-    found: npt.NDArray[np.float64] = 0.5 * (low + high)
-    return found
+    solution: npt.NDArray[np.float64] = 0.5 * (low + high)
+    return solution
 
 
 def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
@@ -110,9 +114,9 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
     information = np.linalg.inv(covariances)
     # The start is the pose nearest to the medians, which outliers do not move.
     coordinates = local_coordinates(poses, poses[0])
-    off = np.abs(coordinates - np.median(coordinates, axis=0))
-    scale = np.maximum(np.median(off, axis=0), np.finfo(float).eps)
-    T = poses[int(np.argmin((off / scale).sum(axis=1)))]
+    distances = np.abs(coordinates - np.median(coordinates, axis=0))
+    scale = np.maximum(np.median(distances, axis=0), np.finfo(float).eps)
+    T = poses[int(np.argmin((distances / scale).sum(axis=1)))]
     for _ in range(MAX_ROUNDS):
         coordinates = local_coordinates(poses, T)
         squared = np.einsum("ni,nij,nj->n", coordinates, information, coordinates)
@@ -120,6 +124,6 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
         normal = np.einsum("n,nij->ij", weights, information)
         step = np.linalg.solve(normal, np.einsum("n,nij,nj->i", weights, information, coordinates))
         T = pose_at(T, step)
-        if np.abs(step).max() < SETTLED:
+        if np.abs(step).max() < MAX_LAST_STEP:
             break
     return Mean(T, WIDENING * np.linalg.inv(normal))

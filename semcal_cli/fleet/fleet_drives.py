@@ -26,11 +26,11 @@ from semcal_cli.result.uncertainty import CovarianceEntries
 
 SIGMAS_M, SIGMAS_RAD = (1e-5, 100.0), (1e-6, 3.0)
 """Range of plausible standard errors of the camera's position, and of its rotation."""
-LEAST_EIGENVALUE = 1e-9
-"""Least eigenvalue of a correlation matrix; data cannot determine a combination of axes that much better than each
+MIN_EIGENVALUE = 1e-9
+"""Minimum eigenvalue of a correlation matrix; data cannot determine a combination of axes that much better than each
 axis."""
 EPOCH_S = 1e9
-"""Least stamp that counts as seconds since 1970; smaller ones may start anywhere and cannot be compared."""
+"""Minimum stamp that counts as seconds since 1970; smaller ones may start anywhere and cannot be compared."""
 
 
 class _Line(RecordedOutcome):
@@ -40,10 +40,10 @@ class _Line(RecordedOutcome):
 
 
 @dataclass(frozen=True)
-class Member:
+class FleetDrive:
     """The calibration of one drive of the rig."""
 
-    drive: str
+    name: str
     stamp: float | None
     """Stamp of the drive's first frame, seconds."""
     T_camera_lidar: Pose | None
@@ -64,41 +64,41 @@ class Member:
         return self.stamp is not None and self.stamp >= EPOCH_S
 
 
-def read_members(paths: Sequence[Path]) -> list[Member]:
+def read_fleet_drives(paths: Sequence[Path]) -> list[FleetDrive]:
     """Read drives, from folders that `semcal batch` wrote and from single calibrations.
 
     Drives of several batches may have the same name; the names of their batches then distinguish them.
 
     Raises:
-        InputError: a file is missing or wrong, or a result is given twice.
+        InputError: a file is missing or wrong, or a result is listed twice.
     """
-    found: list[tuple[Path, Member]] = []
+    results: list[tuple[Path, FleetDrive]] = []
     for path in paths:
-        found += _read_batch(path) if is_folder(path) else [(path, _read_single(path))]
-    names = Counter(member.drive for _, member in found)
-    members: list[Member] = []
+        results += _read_batch(path) if is_folder(path) else [(path, _read_single(path))]
+    names = Counter(drive.name for _, drive in results)
+    drives: list[FleetDrive] = []
     owners: dict[tuple[bytes, bytes], str] = {}
-    places: set[str] = set()
-    for result, member in found:
-        name = member.drive if names[member.drive] == 1 else str(result)
-        members.append(replace(member, drive=name))
-        if (place := os.path.realpath(result)) in places and member.T_camera_lidar is None:
+    folders: set[str] = set()
+    for result, drive in results:
+        name = drive.name if names[drive.name] == 1 else str(result)
+        drives.append(replace(drive, name=name))
+        if (folder := os.path.realpath(result)) in folders and drive.T_camera_lidar is None:
             raise InputError(f"{name}: found the same failed drive twice, needed each drive once")
-        places.add(place)
-        if member.T_camera_lidar is not None and member.covariance is not None:
-            # Calibrations of two drives never agree to the last bit: one is a copy of the other, or given twice.
-            key = member.T_camera_lidar.tobytes(), member.covariance.tobytes()
+        folders.add(folder)
+        if drive.T_camera_lidar is not None and drive.covariance is not None:
+            # Calibrations of two drives never agree to the last bit: one is a copy of the other, or listed twice.
+            key = drive.T_camera_lidar.tobytes(), drive.covariance.tobytes()
             if key in owners:
                 raise InputError(
                     f"{owners[key]}, {name}: found results that agree to the last bit, needed each drive once"
                 )
             owners[key] = name
-    return members
+    return drives
 
 
-def _read_batch(folder: Path) -> list[tuple[Path, Member]]:
+def _read_batch(folder: Path) -> list[tuple[Path, FleetDrive]]:
     """Read the result of each drive of a batch, with the folder that identifies the drive."""
-    path, found = folder / JSONL, []
+    path, drives = folder / JSONL, []
     for number, document in enumerate(read_json_lines(path), start=1):
         where = Path(f"{path}: line {number}")
         if isinstance(document, dict) and document.get("status") in ("pass", "fail", "inconclusive"):
@@ -107,69 +107,76 @@ def _read_batch(folder: Path) -> list[tuple[Path, Member]]:
                 "without --command verify"
             )
         line = validate(_Line, document, where)
-        place = folder / (line.drive if line.result is None else Path(line.result).parent)
-        found.append((place, _member(line, where)))
-    return found
+        drive_folder = folder / (line.drive if line.result is None else Path(line.result).parent)
+        drives.append((drive_folder, _drive_of_line(line, where)))
+    return drives
 
 
-def _member(line: _Line, where: Path) -> Member:
+def _drive_of_line(line: _Line, where: Path) -> FleetDrive:
     T = None if line.T_camera_lidar is None else np.array(line.T_camera_lidar)
     if T is None and line.status != "failed":
         raise InputError(f"{where}: T_camera_lidar: found none, needed one where status is {line.status}")
-    left_out, topic = _left_out(line.status, line.reasons, line.topics, line.covariance)
-    covariance = None if left_out else _checked(line.covariance, f"{where}: covariance")
-    of_intrinsics = _entries(line.covariance_of_intrinsics)
-    return Member(line.drive, line.stamp, T, covariance, left_out, line.camera, topic, of_intrinsics)
+    left_out, topic = _why_left_out(line.status, line.reasons, line.topics, line.covariance)
+    covariance = None if left_out else _check_covariance(line.covariance, f"{where}: covariance")
+    of_intrinsics = _as_array(line.covariance_of_intrinsics)
+    return FleetDrive(line.drive, line.stamp, T, covariance, left_out, line.camera, topic, of_intrinsics)
 
 
-def _read_single(path: Path) -> Member:
-    found = read_calibration(path)
-    known = found.uncertainty
-    stated = None if known is None else known.covariance
-    left_out, topic = _left_out(found.status, found.reasons, found.topics, stated)
-    covariance = None if left_out else _checked(stated, f"{path}: uncertainty.covariance")
-    of_intrinsics = None if known is None or left_out else _entries(known.covariance_of_intrinsics)
+def _read_single(path: Path) -> FleetDrive:
+    calibration = read_calibration(path)
+    uncertainty = calibration.uncertainty
+    stated_covariance = None if uncertainty is None else uncertainty.covariance
+    left_out, topic = _why_left_out(
+        calibration.status, calibration.reasons, calibration.topics, stated_covariance
+    )
+    covariance = None if left_out else _check_covariance(stated_covariance, f"{path}: uncertainty.covariance")
+    of_intrinsics = (
+        None if uncertainty is None or left_out else _as_array(uncertainty.covariance_of_intrinsics)
+    )
     stamp = None
     with suppress(InputError):  # The drive may have been moved or deleted.
-        stamp = first_stamp(read_drive(path.parent / found.input.drive))
-    camera = camera_hash(found.used_camera)
-    return Member(str(path), stamp, found.pose, covariance, left_out, camera, topic, of_intrinsics)
+        stamp = first_stamp(read_drive(path.parent / calibration.input.drive))
+    camera = camera_hash(calibration.used_camera)
+    return FleetDrive(str(path), stamp, calibration.pose, covariance, left_out, camera, topic, of_intrinsics)
 
 
-def _left_out(
+def _why_left_out(
     status: str, reasons: Sequence[str], topics: Sequence[str], covariance: CovarianceEntries | None
 ) -> tuple[str | None, str | None]:
-    """Say why a drive cannot be used, if so, and name the entry in the documentation."""
+    """Return why a drive cannot be used, if so, and the entry in the documentation."""
     if status in ("failed", "not_trusted"):
         topic = topics[0] if status == "not_trusted" and topics else None
         return "; ".join([status.replace("_", " "), *reasons[:1]]), topic
     return "its error is unknown" if covariance is None else None, None
 
 
-def _entries(covariance: CovarianceEntries | None) -> npt.NDArray[np.float64] | None:
+def _as_array(covariance: CovarianceEntries | None) -> npt.NDArray[np.float64] | None:
     return None if covariance is None else np.array(covariance)
 
 
-def _checked(stated: CovarianceEntries | None, where: str) -> npt.NDArray[np.float64]:
+def _check_covariance(entries: CovarianceEntries | None, where: str) -> npt.NDArray[np.float64]:
     """Make a covariance exactly symmetric, and check that it is plausible and invertible.
 
     Raises:
         InputError: it is not.
     """
-    covariance = np.array(stated)
+    covariance = np.array(entries)
     symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
     sigmas = np.sqrt(np.diag(covariance))
-    for unit, found, (least, most) in (("m", sigmas[:3], SIGMAS_M), ("rad", sigmas[3:], SIGMAS_RAD)):
-        low, high = found.min(), found.max()
-        if not least <= low <= high <= most:
+    for unit, deviations, (minimum, maximum) in (
+        ("m", sigmas[:3], SIGMAS_M),
+        ("rad", sigmas[3:], SIGMAS_RAD),
+    ):
+        low, high = deviations.min(), deviations.max()
+        if not minimum <= low <= high <= maximum:
             raise InputError(
-                f"{where}: found standard errors of {low:.3g} to {high:.3g} {unit}, needed {least:g} to {most:g}"
+                f"{where}: found standard errors of {low:.3g} to {high:.3g} {unit}, needed {minimum:g} to {maximum:g}"
             )
     scale = np.outer(sigmas, sigmas)
     eigenvalue = float(np.linalg.eigvalsh(symmetric / scale)[0])
-    if eigenvalue <= LEAST_EIGENVALUE:
+    if eigenvalue <= MIN_EIGENVALUE:
         raise InputError(
             f"{where}: found a correlation matrix with an eigenvalue of {eigenvalue:.3g}, needed one above "
-            f"{LEAST_EIGENVALUE:g}"
+            f"{MIN_EIGENVALUE:g}"
         )
     return symmetric

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from semcal_cli.documentation import entry_address
 from semcal_cli.fleet import fleet_verdict as words
 from semcal_cli.fleet.fleet_result import Fleet
-from semcal_cli.fleet.timeline import Kind, kind_of, timeline_of, timeline_plots
+from semcal_cli.fleet.timeline import DriveKind, kind_of, make_timeline, timeline_plots
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.pipeline.verdict import VERDICTS
-from semcal_cli.report.notations import T_notation, notations
-from semcal_cli.report.template import Reason, Verdict, render_page
+from semcal_cli.report.notations import notations
+from semcal_cli.report.template import PageVerdict, link_reasons, render_page
 from semcal_cli.result.uncertainty import intervals, widest
 
-KINDS: dict[Kind, str] = {
+KINDS: dict[DriveKind, str] = {
     "beyond": "drive clearly beyond the limits",
     "disagrees": "drive that disagrees or is possibly beyond the limits",
     "agrees": "drive",
@@ -24,15 +23,15 @@ MAX_PARTS = 100
 """Largest number of parts of the history that the page shows; the last ones are kept."""
 
 
-def page_html(fleet: Fleet, given: str) -> str:
+def page_html(fleet: Fleet, inputs: str) -> str:
     """Make the page.
 
     Args:
         fleet: The combined result.
-        given: Names of the inputs that it was computed from.
+        inputs: Names of the inputs that it was computed from.
     """
-    timeline, scatter = timeline_of(fleet), intervals(fleet.scatter.tolist())
-    known = fleet.parts[-1].half_widths.tolist()
+    timeline, scatter = make_timeline(fleet), intervals(fleet.scatter.tolist())
+    half_widths = fleet.parts[-1].half_widths.tolist()
     checks = sorted(fleet.checks, key=lambda check: VERDICTS.index(check.verdict))
     drives = sorted(enumerate(fleet.drives, start=1), key=lambda drive: list(KINDS).index(kind_of(drive[1])))
     return render_page(
@@ -40,18 +39,18 @@ def page_html(fleet: Fleet, given: str) -> str:
         style="fleet/fleet.css",
         words=words,
         fleet=fleet,
-        given=given,
-        verdict=Verdict(
+        inputs=inputs,
+        verdict=PageVerdict(
             fleet.verdict,
             words.title(fleet),
             " ".join(words.sentences(fleet)),
-            f"known to {widest(known)}",
-            reasons=tuple(map(Reason, fleet.reasons)),
+            f"known to {widest(half_widths)}",
+            reasons=link_reasons(fleet.reasons),
         ),
         notices=fleet.notes,
         camera_center=camera_center(fleet.T_camera_lidar).tolist(),
         intervals=intervals,
-        known=intervals(known),
+        known=intervals(half_widths),
         scatter=scatter,
         is_scattered=scatter != intervals([0.0] * 6),  # after rounding
         timeline=timeline,
@@ -59,13 +58,12 @@ def page_html(fleet: Fleet, given: str) -> str:
         kinds=KINDS,
         kind_of=kind_of,
         notations=notations(fleet.T_camera_lidar),
-        T_notation=T_notation,
         parts=fleet.parts[-MAX_PARTS:],
         checks=checks[:MAX_ROWS],
         drives=drives[:MAX_ROWS],
         left_out=[
-            (member.drive, Reason(member.left_out or "", member.topic and entry_address(member.topic)))
-            for member in fleet.left_out[:MAX_ROWS]
+            (drive.name, *link_reasons([drive.left_out or ""], [drive.topic] if drive.topic else ()))
+            for drive in fleet.left_out[:MAX_ROWS]
         ],
         max_rows=MAX_ROWS,
     )

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import Limits
-from semcal_cli.fleet.fleet_drives import Member
+from semcal_cli.fleet.fleet_drives import FleetDrive
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, quaternion_xyzw
-from semcal_cli.pipeline.verdict import Check, Verdict, judge
+from semcal_cli.pipeline.verdict import AxisVerdict, Verdict, judge
 from semcal_cli.result.provenance import versions
 
 Order: TypeAlias = Literal["stamp", "name"]
@@ -38,7 +38,7 @@ class Offset:
         """Angle of the offset of the rotation, degrees."""
         return float(np.linalg.norm(self.values[3:]))
 
-    def judge(self, limits: Limits) -> tuple[Check, ...]:
+    def judge(self, limits: Limits) -> tuple[AxisVerdict, ...]:
         """Judge the offset along and about each axis, and in total."""
         return judge(self.values[:3].tolist(), self.values[3:].tolist(), self.half_widths.tolist(), limits)
 
@@ -51,7 +51,7 @@ class Offset:
 class ComparedDrive:
     """A drive compared with the rig's pose at its time."""
 
-    member: Member
+    drive: FleetDrive
     time: float
     part: int
     expected: npt.NDArray[np.float64]
@@ -73,10 +73,10 @@ class ComparedDrive:
     def describe(self) -> dict[str, Any]:
         """Make the entry of the drive in the document of a fleet."""
         return {
-            "drive": self.member.drive,
+            "drive": self.drive.name,
             "status": "disagrees" if self.disagrees else "agrees",
             "verdict": self.verdict,
-            "stamp": self.member.stamp,
+            "stamp": self.drive.stamp,
             "time": self.time,
             "part": self.part,
             **self.offset.describe(),
@@ -84,7 +84,7 @@ class ComparedDrive:
 
 
 @dataclass(frozen=True)
-class Part:
+class RigPart:
     """A period in which the rig did not change, or the whole of a fleet that drifts."""
 
     first: str
@@ -120,7 +120,7 @@ class Fleet:
     reasons: tuple[str, ...]
     notes: tuple[str, ...]
     """Notes for the reader that do not affect the verdict."""
-    checks: tuple[Check, ...]
+    checks: tuple[AxisVerdict, ...]
     """Checks of the combined pose; single drives have their own verdicts."""
     T_camera_lidar: Pose
     """T_camera_lidar (4, 4) at the last drive."""
@@ -131,21 +131,21 @@ class Fleet:
     degrees."""
     order: Order
     """`stamp`: times are days since the first drive; `name`: times count drives, since stamps cannot be compared."""
-    parts: tuple[Part, ...]
+    parts: tuple[RigPart, ...]
     drift: Offset | None
     """Offset from the first drive to the last, if a drift explains the drives better than changes do."""
     drives: tuple[ComparedDrive, ...]
     """Drives in chronological order."""
-    left_out: tuple[Member, ...]
+    left_out: tuple[FleetDrive, ...]
     limits: Limits
 
 
-def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None = None) -> dict[str, Any]:
+def describe_fleet(fleet: Fleet, hashes: Mapping[str, str], reference: str | None = None) -> dict[str, Any]:
     """Make the document of a fleet, which is written as YAML or JSON.
 
     Args:
         fleet: Combined result of the drives.
-        read: SHA-256 of each file that was read, by name.
+        hashes: SHA-256 of each file that was read, by name.
         reference: SHA-256 of the file of the transform that the rig should have.
     """
     T, limits = fleet.T_camera_lidar, fleet.limits
@@ -168,11 +168,14 @@ def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None 
         "drift": None if fleet.drift is None else fleet.drift.describe(),
         "order": fleet.order,
         "drives": [
-            *(drive.describe() for drive in fleet.drives),
-            *({"drive": m.drive, "status": "left_out", "reason": m.left_out} for m in fleet.left_out),
+            *(compared.describe() for compared in fleet.drives),
+            *(
+                {"drive": drive.name, "status": "left_out", "reason": drive.left_out}
+                for drive in fleet.left_out
+            ),
         ],
         "limits": {"rotation_deg": limits.rotation_deg, "translation_m": limits.translation_m},
-        "input": {"reference": reference, "sha256": dict(read)},
+        "input": {"reference": reference, "sha256": dict(hashes)},
         "versions": {name: versions()[name] for name in ("semcal", "numpy")},
     }
 

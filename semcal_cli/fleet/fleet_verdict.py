@@ -12,24 +12,24 @@ import numpy as np
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import listed
-from semcal_cli.pipeline.verdict import OVERALL, Check, Verdict, together
+from semcal_cli.pipeline.verdict import OVERALL, AxisVerdict, Verdict, together
 from semcal_cli.result.uncertainty import CHECK_NAMES, widest
 
 if TYPE_CHECKING:
-    from semcal_cli.fleet.fleet_drives import Member
-    from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, Order, Part
+    from semcal_cli.fleet.fleet_drives import FleetDrive
+    from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, Order, RigPart
 
 MIN_DRIVES = 3
-"""Least number of drives that show how much drives scatter."""
+"""Minimum number of drives that show how much drives scatter."""
 MIN_USED = 0.5
-"""Least fraction of usable drives; if most drives fail, the rest says little."""
+"""Minimum fraction of usable drives; if most drives fail, the rest says little."""
 MAX_NAMED = 8
 """Largest number of changes that are described."""
 FAR_M = 10.0
 """Distance at which the displacement of a point is stated."""
-WAYS = (("to the right", "to the left"), ("down", "up"), ("forward", "back"))
+DIRECTIONS = (("to the right", "to the left"), ("down", "up"), ("forward", "back"))
 """Direction of a positive and of a negative offset along each axis of the camera."""
-TURNS = ("pitch", "yaw", "roll")
+ROTATIONS = ("pitch", "yaw", "roll")
 """Rotations about the camera's axes x, y and z."""
 SIGNS = (
     "A positive pitch moves what the camera sees up in the image, a positive yaw to the right, and a positive roll "
@@ -45,22 +45,26 @@ QUANTITIES = CHECK_NAMES | {
 
 
 def judge_fleet(
-    known: Offset, off_reference: Offset | None, parts: Sequence[Part], drifted: Offset | None, limits: Limits
-) -> tuple[Check, ...]:
+    interval: Offset,
+    from_reference: Offset | None,
+    parts: Sequence[RigPart],
+    drift: Offset | None,
+    limits: Limits,
+) -> tuple[AxisVerdict, ...]:
     """Judge the combined pose.
 
     Args:
-        known: A zero offset with the intervals of the transform at the last drive.
-        off_reference: Offset from the transform that the rig should have, if there is one.
+        interval: A zero offset with the intervals of the transform at the last drive.
+        from_reference: Offset from the transform that the rig should have, if there is one.
         parts: Parts of the history, each with its change.
-        drifted: Offset from the first drive to the last, if the rig drifts.
+        drift: Offset from the first drive to the last, if the rig drifts.
         limits: Largest allowed offsets.
     """
-    offsets = [("known to", known), ("from the reference", off_reference)]
+    offsets = [("known to", interval), ("from the reference", from_reference)]
     for part in parts:
         offsets.append((f"change at {part.first}", part.change))
         offsets.append((f"change from {parts[0].first} to {part.first}", part.overall_change))
-    offsets.append(("drift", drifted))
+    offsets.append(("drift", drift))
     return tuple(
         replace(check, name=f"{subject}: {check.name}")
         for subject, offset in offsets
@@ -70,28 +74,28 @@ def judge_fleet(
 
 
 def conclude(
-    checks: Sequence[Check],
+    checks: Sequence[AxisVerdict],
     drives: Sequence[ComparedDrive],
-    left_out: Sequence[Member],
-    parts: Sequence[Part],
-    drifted: Offset | None,
+    left_out: Sequence[FleetDrive],
+    parts: Sequence[RigPart],
+    drift: Offset | None,
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """Give the verdict on the fleet, with sentences about changes and missing information."""
+    """Reach the verdict on the fleet, with sentences about changes and missing information."""
     num_used, num_all = len(drives), len(drives) + len(left_out)
     # A drive with an uncertain pose is no reason to distrust the fleet; a drive that seems far off is.
     verdicts = [*(check.verdict for check in checks), *(drive.verdict for drive in drives if drive.is_far)]
     reasons = change_lines(parts)
-    if drifted is not None:
-        reasons.append(f"drifted from the first drive to the last: {motions(drifted)}")
-    for words, found in (
+    if drift is not None:
+        reasons.append(f"drifted from the first drive to the last: {motions(drift)}")
+    for words, listed_drives in (
         ("clearly beyond the limits", [d for d in drives if d.verdict == "fail"]),
         ("possibly beyond the limits", [d for d in drives if d.is_suspect]),
         ("disagree but are within the limits", [d for d in drives if d.disagrees and not d.is_far]),
     ):
-        if found:
-            names = listed(drive.member.drive for drive in found)
-            reasons.append(f"{len(found):,} of {num_used:,} drives {words}: {names}")
-    num_reasons, num_stamped = len(reasons), sum(drive.member.has_stamp for drive in drives)
+        if listed_drives:
+            names = listed(drive.drive.name for drive in listed_drives)
+            reasons.append(f"{len(listed_drives):,} of {num_used:,} drives {words}: {names}")
+    num_reasons, num_stamped = len(reasons), sum(drive.drive.has_stamp for drive in drives)
     if 0 < num_stamped < num_used:
         # With drives ordered by name, a change or a drift may look like scatter.
         reasons.append(
@@ -109,52 +113,54 @@ def conclude(
     return together(verdicts), tuple(reasons)
 
 
-def notes(used: Sequence[Member], order: Order) -> tuple[str, ...]:
-    """Give notes for the reader that do not affect the verdict."""
-    found = []
+def notes(drives: Sequence[FleetDrive], order: Order) -> tuple[str, ...]:
+    """List notes for the reader that do not affect the verdict."""
+    sentences = []
     if order == "name":
-        found.append("drives are ordered by name, because not all have their own stamp in seconds since 1970")
-    num_cameras = len({member.camera for member in used if member.camera is not None})
+        sentences.append(
+            "drives are ordered by name, because not all have their own stamp in seconds since 1970"
+        )
+    num_cameras = len({drive.camera for drive in drives if drive.camera is not None})
     if num_cameras > 1:
-        found.append(
+        sentences.append(
             f"drives have {num_cameras:,} cameras, given or estimated, that differ in image size, intrinsics or "
             "lens model. The pose that they agree on belongs to none of them: write one camera into all drives and "
             "calibrate them again"
         )
-    return tuple(found)
+    return tuple(sentences)
 
 
-def figures(value: float, half_width: float, least: int) -> tuple[str, str]:
+def figures(value: float, half_width: float, min_decimals: int) -> tuple[str, str]:
     """Format a value and the half width of its interval with as many digits as the interval justifies.
 
     Args:
         value: The value.
         half_width: Half width of its 95 % interval.
-        least: Least number of decimals.
+        min_decimals: Minimum number of decimals.
     """
-    decimals = least
+    decimals = min_decimals
     if half_width > 0.0:
         power = math.floor(math.log10(half_width))
         # Rounding 0.014 to 0.01 would lose a third of it.
-        decimals = max(least, min((half_width < 2.0 * 10.0**power) - power, 6))
+        decimals = max(min_decimals, min((half_width < 2.0 * 10.0**power) - power, 6))
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{half_width:.{decimals}f}"
 
 
 def motions(offset: Offset) -> str:
     """List what differs beyond its interval on each axis, clearest first; if nothing does, what comes closest."""
     ratios = np.abs(offset.values) / np.maximum(offset.half_widths, np.finfo(float).tiny)
-    surest = np.argsort(-ratios, kind="stable").tolist()
-    named = [axis for axis in surest if ratios[axis] > 1.0] or surest[:1]
-    off, half_widths = offset.values.tolist(), offset.half_widths.tolist()
-    return ", ".join(_motion(axis, off[axis], half_widths[axis]) for axis in named)
+    clearest = np.argsort(-ratios, kind="stable").tolist()
+    axes = [axis for axis in clearest if ratios[axis] > 1.0] or clearest[:1]
+    values, half_widths = offset.values.tolist(), offset.half_widths.tolist()
+    return ", ".join(_motion(axis, values[axis], half_widths[axis]) for axis in axes)
 
 
-def _motion(axis: int, off: float, half_width: float) -> str:
+def _motion(axis: int, value: float, half_width: float) -> str:
     if axis < 3:
-        size, half = figures(1000.0 * abs(off), 1000.0 * half_width, 0)
-        return f"{size} mm {WAYS[axis][off < 0.0]} (+- {half})"
-    size, half = figures(abs(off), half_width, 2)
-    return f"{'-' if off < 0.0 else '+'}{size} degrees {TURNS[axis - 3]} (+- {half})"
+        size, half = figures(1000.0 * abs(value), 1000.0 * half_width, 0)
+        return f"{size} mm {DIRECTIONS[axis][value < 0.0]} (+- {half})"
+    size, half = figures(abs(value), half_width, 2)
+    return f"{'-' if value < 0.0 else '+'}{size} degrees {ROTATIONS[axis - 3]} (+- {half})"
 
 
 def total(offset: Offset) -> str:
@@ -162,7 +168,7 @@ def total(offset: Offset) -> str:
     return f"{1000.0 * offset.distance_m:.1f} mm and {offset.angle_deg:.3f} degrees"
 
 
-def change_lines(parts: Sequence[Part]) -> list[str]:
+def change_lines(parts: Sequence[RigPart]) -> list[str]:
     """Describe the first changes and between which drives they are, and count the others."""
     changes = [
         f"changed between {before.last} and {after.first}: {motions(after.change)}"
@@ -179,24 +185,24 @@ class CheckWords(NamedTuple):
     subject: str
     """What was judged, in plain words."""
     quantity: str
-    found: str
+    offset: str
     half_width: str
     """Half width of the 95 % interval."""
     allowed: str
     unit: str
 
 
-def check_words(check: Check) -> CheckWords:
+def check_words(check: AxisVerdict) -> CheckWords:
     """Put a check into words: of the combined pose or, without a subject, of a drive."""
     subject, _, quantity = check.name.rpartition(": ")
-    scale, unit, least = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "degrees", 3)
-    found, half_width = figures(scale * check.offset, scale * (check.half_width or 0.0), least)
+    scale, unit, min_decimals = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "degrees", 3)
+    value, half_width = figures(scale * check.offset, scale * (check.half_width or 0.0), min_decimals)
     allowed = f"{scale * check.allowed:g}"
-    return CheckWords(SUBJECTS.get(subject, subject), QUANTITIES[quantity], found, half_width, allowed, unit)
+    return CheckWords(SUBJECTS.get(subject, subject), QUANTITIES[quantity], value, half_width, allowed, unit)
 
 
 def overall(drive: ComparedDrive, limits: Limits) -> list[CheckWords]:
-    """Say how far a drive is off in total: its camera centre and its rotation."""
+    """Describe how far a drive is off in total: its camera centre and its rotation."""
     return [check_words(check) for check in drive.offset.judge(limits) if check.name.endswith(OVERALL)]
 
 
@@ -205,8 +211,8 @@ def title(fleet: Fleet) -> str:
     if fleet.verdict == "inconclusive":
         return "The drives are inconclusive"
     if fleet.verdict == "pass":
-        moved = fleet.drift is not None or len(fleet.parts) > 1
-        return "The rig moved within the limits" if moved else "The rig is stable"
+        has_moved = fleet.drift is not None or len(fleet.parts) > 1
+        return "The rig moved within the limits" if has_moved else "The rig is stable"
     for subject, words in (
         ("change", "The rig changed"),
         ("drift", "The rig drifts"),
@@ -223,39 +229,39 @@ def _fails(fleet: Fleet, subject: str) -> bool:
 
 
 def sentences(fleet: Fleet) -> list[str]:
-    """Say which transform is valid now, what that means, and what to do."""
+    """Describe which transform is valid now, what that means, and what to do."""
     last, num_used = fleet.parts[-1], len(fleet.drives)
-    known = widest(last.half_widths.tolist())
+    interval = widest(last.half_widths.tolist())
     if fleet.drift is not None:
-        found = [
-            f"The transform below is that of the last drive, {last.last}, to within {known}.",
+        lines = [
+            f"The transform below is that of the last drive, {last.last}, to within {interval}.",
             f"The camera moves slowly relative to the LiDAR: {_displaced(fleet.drift)} between the first drive and the "
             "last. Use the transform of each drive's own time, and check the mount.",
         ]
     elif last.change is not None:
-        found = [
-            f"The transform below is valid from {last.first} on, to within {known}.",
+        lines = [
+            f"The transform below is valid from {last.first} on, to within {interval}.",
             f"The camera moved relative to the LiDAR: {_displaced(last.change)} because of the last change. "
             "For earlier drives, use the transform of their own time, which is also below.",
         ]
     else:
         num_off = sum(drive.disagrees or drive.verdict == "fail" for drive in fleet.drives)
         which = f"{num_used - num_off:,} of {num_used:,}" if num_off else f"all {num_used:,}"
-        found = [f"The transform below is valid for {which} drives, to within {known}."]
+        lines = [f"The transform below is valid for {which} drives, to within {interval}."]
     if _fails(fleet, "from the reference"):
-        found.append(
+        lines.append(
             "It clearly differs from the reference: use it instead of the reference, or remount the camera."
         )
     if any(drive.verdict == "fail" for drive in fleet.drives):
-        found.append(
+        lines.append(
             "Drives clearly beyond the limits have wrong data or a wrong calibration: run semcal inspect on them."
         )
     if fleet.verdict == "inconclusive":
-        found.append("More drives, or longer ones, narrow the intervals until the verdict is clear.")
-    return found
+        lines.append("More drives, or longer ones, narrow the intervals until the verdict is clear.")
+    return lines
 
 
 def _displaced(offset: Offset) -> str:
-    """Say by how much a distant point is displaced."""
+    """Describe by how much a distant point is displaced."""
     off_mm = 1000.0 * math.hypot(FAR_M * math.radians(offset.angle_deg), offset.distance_m)
     return f"a point {FAR_M:g} m away is displaced by up to {off_mm:.0f} mm"

@@ -22,13 +22,13 @@ from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 ALPHA = 0.01
 MIN_LENGTH = 3
-"""Least number of calibrations between two changes, so that no single calibration counts as a period."""
+"""Minimum number of calibrations between two changes, so that no single calibration counts as a period."""
 NUM_ROUNDS = 10
 """Number of rounds that reweight drives by their distance from the line."""
 WINDOW = 5
 """Number of calibrations whose median is the usual pose at a time."""
 MIN_DRIFT_DRIVES = 6
-"""Least number of drives that distinguish a line from chance."""
+"""Minimum number of drives that distinguish a line from chance."""
 
 
 @dataclass(frozen=True)
@@ -58,34 +58,34 @@ def find_history(
     weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
 
     def misfit(model: RigHistory, num_parameters: int) -> float:
-        """Bayesian information criterion (Schwarz, 1978), with the same weights for all models."""
-        off = series - model.expected
-        squared = float(np.einsum("ni,nij,nj->", off, weighted, off))
+        """Return the Bayesian information criterion (Schwarz, 1978), with the same weights for all models."""
+        residuals = series - model.expected
+        squared = float(np.einsum("ni,nij,nj->", residuals, weighted, residuals))
         return squared + num_parameters * float(np.log(len(series)))
 
-    steady = _in_parts(series, covariances, (0,))
-    found = [(misfit(steady, 6), steady)]
+    steady = _fit_parts(series, covariances, (0,))
+    models = [(misfit(steady, 6), steady)]
     if starts := change_points(series, covariances, degrees_of_freedom):
-        steps = _in_parts(series, covariances, (0, *starts))
-        found.append((misfit(steps, 6 * (len(starts) + 1) + len(starts)), steps))
+        steps = _fit_parts(series, covariances, (0, *starts))
+        models.append((misfit(steps, 6 * (len(starts) + 1) + len(starts)), steps))
     if len(series) >= MIN_DRIFT_DRIVES:
-        line = drift(times, series, covariances, degrees_of_freedom)
-        along = np.array([line.covariance_at(time) for time in times])
-        drifting = RigHistory(line.at(times), along, drift=line)
-        found += [(misfit(drifting, 12), drifting)] if line.is_significant else []
-    return min(found, key=lambda pair: pair[0])[1]
+        line = fit_drift(times, series, covariances, degrees_of_freedom)
+        line_covariances = np.array([line.covariance_at(time) for time in times])
+        drifting = RigHistory(line.at(times), line_covariances, drift=line)
+        models += [(misfit(drifting, 12), drifting)] if line.is_significant else []
+    return min(models, key=lambda pair: pair[0])[1]
 
 
-def _in_parts(series: Vectors, covariances: Matrices, starts: tuple[int, ...]) -> RigHistory:
+def _fit_parts(series: Vectors, covariances: Matrices, starts: tuple[int, ...]) -> RigHistory:
     """Take the robust mean of each part as the rig's pose in it."""
-    expected, known = np.zeros_like(series), np.zeros_like(covariances)
+    expected, mean_covariances = np.zeros_like(series), np.zeros_like(covariances)
     for begin, end in zip(starts, (*starts[1:], len(series)), strict=True):
         # Local coordinates are small enough that the rotation of their own frame does not matter.
-        poses = [pose_at(np.eye(4), each) for each in series[begin:end]]
+        poses = [pose_at(np.eye(4), coordinates) for coordinates in series[begin:end]]
         mean = robust_mean(poses, covariances[begin:end])
         expected[begin:end] = local_coordinates([mean.T_camera_lidar], np.eye(4))
-        known[begin:end] = mean.covariance
-    return RigHistory(expected, known, starts)
+        mean_covariances[begin:end] = mean.covariance
+    return RigHistory(expected, mean_covariances, starts)
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Drift:
         return self.level + (times - self.middle)[:, None] * self.per_unit
 
     def covariance_at(self, time: float) -> npt.NDArray[np.float64]:
-        """Covariance (6, 6) of the line at a time."""
+        """Return the covariance (6, 6) of the line at a time."""
         covariance: npt.NDArray[np.float64] = (
             self.level_covariance + (time - self.middle) ** 2 * self.covariance
         )
@@ -124,33 +124,33 @@ def change_points(series: Vectors, covariances: Matrices, degrees_of_freedom: fl
         degrees_of_freedom: Degrees of freedom of that scatter.
     """
     weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
-    found: list[int] = []
+    splits: list[int] = []
     parts = [(0, len(series))]
     while parts:
         begin, end = parts.pop()
         threshold = joint_quantile(ALPHA / len(series), degrees_of_freedom)
         split = _split(series[begin:end], weighted[begin:end], threshold)
         if split is not None:
-            found.append(begin + split)
+            splits.append(begin + split)
             parts += [(begin, begin + split), (begin + split, end)]
-    return sorted(found)
+    return sorted(splits)
 
 
-def drift(
+def fit_drift(
     times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices, degrees_of_freedom: float
 ) -> Drift:
     """Fit a straight line robustly; `times` are in any unit, the other arguments are those of `change_points`."""
     information = np.linalg.inv(covariances)
     weights = _weights(series, covariances)
     for _ in range(NUM_ROUNDS):
-        line = _line(times, series, information * weights[:, None, None])
-        off = series - line.at(times)
-        weights = _student_weights(np.einsum("ni,nij,nj->n", off, information, off))
+        line = _fit_line(times, series, information * weights[:, None, None])
+        residuals = series - line.at(times)
+        weights = _student_weights(np.einsum("ni,nij,nj->n", residuals, information, residuals))
     statistic = float(line.per_unit @ np.linalg.pinv(line.covariance, hermitian=True) @ line.per_unit)
     return replace(line, is_significant=statistic > joint_quantile(ALPHA, degrees_of_freedom))
 
 
-def _line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -> Drift:
+def _fit_line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -> Drift:
     total = weighted.sum(0)
     # Counting times from their weighted mean, the same for all axes, nearly decorrelates slope and level.
     middle = float(np.average(times, weights=np.trace(weighted, axis1=1, axis2=2)))
@@ -192,9 +192,9 @@ def _weights(series: Vectors, covariances: Matrices) -> npt.NDArray[np.float64]:
     # At either end, drives share the window of the nearest drive that has a whole window around it.
     count = len(series)
     begins = np.clip(np.arange(count) - WINDOW // 2, 0, max(count - WINDOW, 0))
-    usual = np.array([np.median(series[begin : begin + WINDOW], axis=0) for begin in begins])
-    off = series - usual
-    return _student_weights(np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off))
+    medians = np.array([np.median(series[begin : begin + WINDOW], axis=0) for begin in begins])
+    deviations = series - medians
+    return _student_weights(np.einsum("ni,nij,nj->n", deviations, np.linalg.inv(covariances), deviations))
 
 
 def _student_weights(squared: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

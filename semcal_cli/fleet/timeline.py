@@ -15,37 +15,23 @@ import numpy.typing as npt
 from semcal_cli.fleet.combination import DAY_S
 from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet
 from semcal_cli.observations.frame_selection import evenly_spaced
-from semcal_cli.report.drawing import (
-    ACCENT,
-    BAD,
-    INK,
-    LETTER,
-    OPEN,
-    POINTS_PER_INCH,
-    SOFT,
-    draw_intervals,
-    figure_file,
-    name_places,
-    page_svg,
-    short_names,
-)
-from semcal_cli.report.figures import Plot
+from semcal_cli.report import drawing
 from semcal_cli.result.uncertainty import AXIS_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Kind: TypeAlias = Literal["agrees", "disagrees", "beyond"]
+DriveKind: TypeAlias = Literal["agrees", "disagrees", "beyond"]
 UNITS = np.array([1000.0] * 3 + [1.0] * 3)
 """Factors from metres and degrees to the drawn units, millimetres and degrees."""
 NAMES = tuple(f"{name}, {'mm' if i < 3 else 'degrees'}" for i, name in enumerate(AXIS_NAMES))
 MAX_DRAWN = 1500
 """Largest number of agreeing drives that are drawn; all other drives are drawn."""
-STYLES: dict[Kind, tuple[str, str, str]] = {
-    "agrees": (ACCENT, "o", "drives, with 95 % intervals"),
-    "disagrees": (OPEN, "s", "drives that disagree"),
-    "beyond": (BAD, "D", "drives clearly beyond the limits"),
+STYLES: dict[DriveKind, tuple[str, str, str]] = {
+    "agrees": (drawing.ACCENT, "o", "drives, with 95 % intervals"),
+    "disagrees": (drawing.OPEN, "s", "drives that disagree"),
+    "beyond": (drawing.BAD, "D", "drives clearly beyond the limits"),
 }
 """Colour, marker and meaning of each kind of drive."""
 SIZE, IMAGE_SIZE = (340.0, 220.0), (12.0, 8.0)
@@ -54,14 +40,14 @@ TOP = 30.0
 """Room for two rows of names of changes above a plot on the page, pixels."""
 ROW = 13.0
 NUM_ROWS = 2
-BESIDE = 0.03
+MARGIN = 0.03
 """Margin before the first and after the last drive, relative to the whole time span."""
 WIDEST_INTERVAL = 2.0
 """Largest half width of an interval that is drawn in full, relative to the range of all drives."""
 HEADROOM = 0.06
-LEAST_RANGE = 0.02
-"""Least range of the y axis, relative to the limit."""
-MANY = 150
+MIN_RANGE = 0.02
+"""Minimum range of the y axis, relative to the limit."""
+MAX_SEPARATE = 150
 """Number of drives above which bars overlap."""
 
 
@@ -93,7 +79,7 @@ class Timeline:
     """(N,) kind of each drive."""
     parts: npt.NDArray[np.intp]
     """(N,) part of the history of each drive."""
-    found: npt.NDArray[np.float64]
+    poses: npt.NDArray[np.float64]
     """(N, 6) pose of each drive."""
     half_widths: npt.NDArray[np.float64]
     """(N, 6) half widths of the 95 % intervals."""
@@ -104,24 +90,24 @@ class Timeline:
     changes: list[Change]
 
 
-def timeline_of(fleet: Fleet) -> Timeline:
+def make_timeline(fleet: Fleet) -> Timeline:
     """Choose what to draw of a fleet: all drives that disagree, and evenly spaced ones of many others."""
     kinds = [kind_of(drive) for drive in fleet.drives]
     agreeing = evenly_spaced([i for i, kind in enumerate(kinds) if kind == "agrees"], MAX_DRAWN)
     # The line of a part ends where the part does.
     starts = np.flatnonzero(np.diff([drive.part for drive in fleet.drives]))
     ends = {0, len(kinds) - 1, *starts.tolist(), *(starts + 1).tolist()}
-    chosen = sorted({*agreeing, *ends, *(i for i, kind in enumerate(kinds) if kind != "agrees")})
-    drives, names = [fleet.drives[i] for i in chosen], _names(fleet)
+    indices = sorted({*agreeing, *ends, *(i for i, kind in enumerate(kinds) if kind != "agrees")})
+    drives, names = [fleet.drives[i] for i in indices], _names(fleet)
     expected = UNITS * np.array([drive.expected for drive in drives])
-    labels, title = _labels(fleet, drives, [names[i] for i in chosen])
+    labels, title = _labels(fleet, drives, [names[i] for i in indices])
     return Timeline(
         times=np.array([drive.time for drive in drives]),
         labels=labels,
         title=title,
-        kinds=np.array([kinds[i] for i in chosen]),
+        kinds=np.array([kinds[i] for i in indices]),
         parts=np.array([drive.part for drive in drives], np.intp),
-        found=expected + UNITS * np.array([drive.offset.values for drive in drives]),
+        poses=expected + UNITS * np.array([drive.offset.values for drive in drives]),
         half_widths=UNITS * np.array([drive.offset.half_widths for drive in drives]),
         expected=expected,
         allowed=UNITS * np.repeat([fleet.limits.translation_m, fleet.limits.rotation_deg], 3),
@@ -129,7 +115,7 @@ def timeline_of(fleet: Fleet) -> Timeline:
     )
 
 
-def kind_of(drive: ComparedDrive) -> Kind:
+def kind_of(drive: ComparedDrive) -> DriveKind:
     """Judge a drive: clearly beyond the limits, disagreeing or possibly beyond them, or neither."""
     if drive.verdict == "fail":
         return "beyond"
@@ -138,18 +124,18 @@ def kind_of(drive: ComparedDrive) -> Kind:
 
 def _names(fleet: Fleet) -> list[str]:
     """Name each drive briefly: without the folder that all share, or by its number if names are long."""
-    names = [drive.member.drive for drive in fleet.drives]
+    names = [drive.drive.name for drive in fleet.drives]
     folder = names[0].rpartition("/")[0]
     if folder and all(name.rpartition("/")[0] == folder for name in names):
         names = [name.rpartition("/")[2] for name in names]
-    return short_names(names)
+    return drawing.short_names(names)
 
 
 def _labels(fleet: Fleet, drives: Sequence[ComparedDrive], names: list[str]) -> tuple[list[str], str]:
     """Label drives with their dates if they are ordered by stamp, or else with their names."""
     if fleet.order == "name":
         return names, "drives, ordered by name"
-    stamps = [drive.member.stamp or 0.0 for drive in drives]
+    stamps = [drive.drive.stamp or 0.0 for drive in drives]
     form = "%Y-%m-%d" if stamps[-1] - stamps[0] > 3.0 * DAY_S else "%m-%d %H:%M"
     try:
         labels = [datetime.fromtimestamp(stamp, timezone.utc).strftime(form) for stamp in stamps]
@@ -160,7 +146,7 @@ def _labels(fleet: Fleet, drives: Sequence[ComparedDrive], names: list[str]) -> 
 
 def _changes(fleet: Fleet, names: Sequence[str]) -> list[Change]:
     """Place each change halfway between the drives before and after it."""
-    found, begin = [], 0
+    changes, begin = [], 0
     for before, part in pairwise(fleet.parts):
         begin += before.num_drives
         time = 0.5 * (fleet.drives[begin - 1].time + fleet.drives[begin].time)
@@ -170,21 +156,23 @@ def _changes(fleet: Fleet, names: Sequence[str]) -> list[Change]:
             f"{size:+.{0 if i < 3 else 2}f}" if abs(size) > half_widths[i] else ""
             for i, size in enumerate(sizes.tolist())
         ]
-        found.append(Change(time, names[begin], texts))
-    return found
+        changes.append(Change(time, names[begin], texts))
+    return changes
 
 
-def timeline_plots(timeline: Timeline) -> list[Plot]:
+def timeline_plots(timeline: Timeline) -> list[drawing.Plot]:
     """Plot the drives along and about each axis for a page."""
     return [
-        Plot(name, page_svg(f"{name}: each drive over time", SIZE, partial(_draw, timeline, i), TOP))
+        drawing.Plot(
+            name, drawing.page_svg(f"{name}: each drive over time", SIZE, partial(_draw, timeline, i), TOP)
+        )
         for i, name in enumerate(NAMES)
     ]
 
 
 def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
     """Plot the drives with 95 % intervals and the rig's pose over time, relative to the pose at the last drive."""
-    timeline = timeline_of(fleet)
+    timeline = make_timeline(fleet)
 
     def draw(figure: Figure) -> None:
         all_axes = figure.subplots(3, 2).T.ravel()
@@ -194,34 +182,38 @@ def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
         for i, axes in enumerate(all_axes):
             _draw(timeline, i, axes)
         handles, labels = all_axes[0].get_legend_handles_labels()
-        once = dict(zip(labels, handles, strict=True))
-        figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=5)
+        handle_of_label = dict(zip(labels, handles, strict=True))
+        figure.legend(handle_of_label.values(), handle_of_label.keys(), loc="outside upper right", ncols=5)
 
-    return figure_file(draw, IMAGE_SIZE, format)
+    return drawing.figure_file(draw, IMAGE_SIZE, format)
 
 
 def _draw(timeline: Timeline, axis: int, axes: Axes) -> None:
     """Draw one axis of the camera: the rig's pose, the limits about it, the drives, and the changes."""
-    beside = BESIDE * float(np.ptp(timeline.times)) or 0.5
-    axes.set_xlim(timeline.times[0] - beside, timeline.times[-1] + beside)
+    margin = MARGIN * float(np.ptp(timeline.times)) or 0.5
+    axes.set_xlim(timeline.times[0] - margin, timeline.times[-1] + margin)
     axes.set(ylim=_range(timeline, axis), xlabel=timeline.title)
     axes.locator_params(axis="y", nbins=6)
     axes.grid(visible=False, axis="x")
     for part in range(int(timeline.parts[-1]) + 1):
-        mine = timeline.parts == part
-        times, expected = timeline.times[mine], timeline.expected[mine, axis]
-        times = np.array([times[0] - beside / 2.0, *times, times[-1] + beside / 2.0])
+        is_in_part = timeline.parts == part
+        times, expected = timeline.times[is_in_part], timeline.expected[is_in_part, axis]
+        times = np.array([times[0] - margin / 2.0, *times, times[-1] + margin / 2.0])
         expected = np.array([expected[0], *expected, expected[-1]])
         low, high = expected - timeline.allowed[axis], expected + timeline.allowed[axis]
-        axes.fill_between(times, low, high, color=INK, alpha=0.08, linewidth=0.0, label="allowed")
-        axes.plot(times, expected, color=INK, linewidth=1.5, label="rig's pose")
+        axes.fill_between(times, low, high, color=drawing.INK, alpha=0.08, linewidth=0.0, label="allowed")
+        axes.plot(times, expected, color=drawing.INK, linewidth=1.5, label="rig's pose")
     for kind, (color, marker, label) in STYLES.items():
-        if (chosen := timeline.kinds == kind).any():
-            where = timeline.times[chosen], timeline.found[chosen, axis], timeline.half_widths[chosen, axis]
-            is_crowded = kind == "agrees" and len(timeline.times) > MANY
-            draw_intervals(axes, *where, color, marker=marker, label=label, is_crowded=is_crowded)
+        if (is_of_kind := timeline.kinds == kind).any():
+            points = (
+                timeline.times[is_of_kind],
+                timeline.poses[is_of_kind, axis],
+                timeline.half_widths[is_of_kind, axis],
+            )
+            is_crowded = kind == "agrees" and len(timeline.times) > MAX_SEPARATE
+            drawing.draw_intervals(axes, *points, color, marker=marker, label=label, is_crowded=is_crowded)
     _draw_changes(axes, timeline, axis)
-    name_places(axes, timeline.times, timeline.labels)
+    drawing.name_places(axes, timeline.times, timeline.labels)
 
 
 def _range(timeline: Timeline, axis: int) -> tuple[float, float]:
@@ -229,11 +221,11 @@ def _range(timeline: Timeline, axis: int) -> tuple[float, float]:
 
     The limits may reach farther: including them would flatten drives that agree much better than they need to.
     """
-    found, expected = timeline.found[:, axis], timeline.expected[:, axis]
-    span = max(float(np.ptp([*found, *expected])), LEAST_RANGE * float(timeline.allowed[axis]))
+    poses, expected = timeline.poses[:, axis], timeline.expected[:, axis]
+    span = max(float(np.ptp([*poses, *expected])), MIN_RANGE * float(timeline.allowed[axis]))
     half = np.minimum(timeline.half_widths[:, axis], WIDEST_INTERVAL * span)
-    low = min(float(expected.min()), float((found - half).min()))
-    high = max(float(expected.max()), float((found + half).max()))
+    low = min(float(expected.min()), float((poses - half).min()))
+    high = max(float(expected.max()), float((poses + half).max()))
     margin = HEADROOM * max(high - low, span)
     return low - margin, high + margin
 
@@ -244,18 +236,21 @@ def _draw_changes(axes: Axes, timeline: Timeline, axis: int) -> None:
     Labels are above the axes in two rows; where they would overlap, only the line is drawn.
     """
     box = axes.get_window_extent()
-    scale = POINTS_PER_INCH / axes.figure.dpi
-    taken = [box.x0 * scale] * NUM_ROWS
+    scale = drawing.POINTS_PER_INCH / axes.figure.dpi
+    row_ends = [box.x0 * scale] * NUM_ROWS
     for change in timeline.changes:
-        axes.axvline(change.time, color=SOFT, linestyle="--", linewidth=1.2, gid="change")
+        axes.axvline(change.time, color=drawing.SOFT, linestyle="--", linewidth=1.2, gid="change")
         text = f"{change.name}: {change.sizes[axis]}" if change.sizes[axis] else change.name
-        at, width = axes.transData.transform((change.time, 0.0))[0] * scale, LETTER * len(text) + 6.0
-        is_left = at + width > box.x1 * scale
-        begin = at - width if is_left else at
-        row = next((row for row, end in enumerate(taken) if begin >= end), None)
+        x, width = (
+            axes.transData.transform((change.time, 0.0))[0] * scale,
+            drawing.LETTER_PX * len(text) + 6.0,
+        )
+        is_left = x + width > box.x1 * scale
+        begin = x - width if is_left else x
+        row = next((row for row, end in enumerate(row_ends) if begin >= end), None)
         if row is None:
             continue
-        taken[row] = begin + width
+        row_ends[row] = begin + width
         axes.annotate(
             text,
             (change.time, 1.0),
@@ -263,7 +258,7 @@ def _draw_changes(axes: Axes, timeline: Timeline, axis: int) -> None:
             xytext=(0.0, 3.0 + ROW * row),
             textcoords="offset points",
             ha="right" if is_left else "left",
-            color=INK,
+            color=drawing.INK,
             parse_math=False,
             annotation_clip=False,
             gid="name",

@@ -25,17 +25,17 @@ MAX_SIDE = 4096
 CHANNELS = (1, 3)
 """Possible numbers of channels of an image."""
 
-Fit: TypeAlias = Literal["stretch", "letterbox", "tiles", "aspect"]
+ImageFit: TypeAlias = Literal["stretch", "letterbox", "tiles", "aspect"]
 Color: TypeAlias = Literal["rgb", "bgr", "gray"]
 Layout: TypeAlias = Literal["channels_first", "channels_last"]
-Kind: TypeAlias = Literal["logits", "probabilities", "ids", "masks"]
+OutputKind: TypeAlias = Literal["logits", "probabilities", "ids", "masks"]
 Resample: TypeAlias = Literal["nearest", "box", "bilinear", "hamming", "bicubic", "lanczos"]
 Channel: TypeAlias = Literal["range", "x", "y", "z", "intensity", "mask"]
 
 CloudChannel: TypeAlias = Literal["x", "y", "z", "intensity", "range", "ring"]
 
 Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
-Spread = Annotated[float, Field(gt=0.0, le=1e6)]
+PositiveFactor = Annotated[float, Field(gt=0.0, le=1e6)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
 
 
@@ -54,7 +54,7 @@ def _kind_of_classes(classes: object) -> str:
     return "ids" if isinstance(classes, dict) else "names" if isinstance(classes, list | tuple) else "table"
 
 
-ClassesOfCard: TypeAlias = Annotated[
+CardClasses: TypeAlias = Annotated[
     Annotated[str, Field(min_length=1), Tag("table")]
     | Annotated[tuple[ClassName, ...], length(2), Tag("names")]
     | Annotated[dict[ClassName, Ids], Field(min_length=1), Tag("ids")],
@@ -65,7 +65,7 @@ ClassesOfCard: TypeAlias = Annotated[
 
 def _mean_and_std(mean: Sequence[float], std: Sequence[float]) -> str:
     """Write the numbers by which channels are normalised."""
-    means, stds = (" ".join(f"{each:g}" for each in numbers) for numbers in (mean, std))
+    means, stds = (" ".join(f"{value:g}" for value in numbers) for numbers in (mean, std))
     return f"mean {means}; std {stds}"
 
 
@@ -74,7 +74,7 @@ class Card(StrictModel):
 
     output: str | None = None
     """Name of the output to read, if the network has several."""
-    classes: ClassesOfCard | None = None
+    classes: CardClasses | None = None
     """Class table by name (such as cityscapes-train) or file, or names of ids 0, 1, ..., or ids by name."""
     ignore: Ids = ()
     """Ids that carry no information, in addition to those of the class table."""
@@ -100,7 +100,7 @@ class ImageCard(Card):
     size: Annotated[tuple[ImageSide, ...], length(2, 2)] | None = None
     """Columns and rows, for a network that takes any size; by default those of the image, rounded up to a
     multiple of 32."""
-    fit: Fit = "stretch"
+    fit: ImageFit = "stretch"
     """How an image is brought to that size: stretched; scaled and padded (letterbox); cut into overlapping tiles; or
     scaled to a size near it, in proportion (aspect)."""
     overlap: Annotated[float, Field(ge=0.0, le=0.9)] = 0.25
@@ -115,15 +115,15 @@ class ImageCard(Card):
     """Limit of the longer side after that."""
     color: Color | None = None
     """Order of the colours; by default rgb for three channels and gray for one."""
-    scale: Spread | None = None
+    scale: PositiveFactor | None = None
     """Factor for pixel values from 0 to 255; 1/255 by default."""
     mean: Annotated[tuple[Factor, ...], length(1, 3)] | None = None
     """Mean to subtract after that, one for each channel or one for all; 0 by default."""
-    std: Annotated[tuple[Spread, ...], length(1, 3)] | None = None
+    std: Annotated[tuple[PositiveFactor, ...], length(1, 3)] | None = None
     """Standard deviation to divide by; 1 by default. Without scale, mean and std, ImageNet's are guessed."""
     layout: Layout | None = None
     """Whether channels come before or after rows and columns in the input."""
-    kind: Kind | None = None
+    kind: OutputKind | None = None
     """Kind of the output: logits or probabilities of classes, ids, or masks and classes of queries (Mask2Former)."""
     constants: dict[str, Annotated[tuple[Token, ...], length(1)]] = {}
     """Integers for each additional input, such as task_inputs of OneFormer."""
@@ -162,7 +162,7 @@ class CompleteImageCard(ImageCard):
             return self._near_size(width, height)
         if self.size is not None:
             return self.size[0], self.size[1]
-        sides = self.scaled((width, height))
+        sides = self.scaled_size((width, height))
         columns, rows = (min(-(-side // MULTIPLE) * MULTIPLE, MAX_SIDE) for side in sides)
         return columns, rows
 
@@ -171,7 +171,7 @@ class CompleteImageCard(ImageCard):
 
         As `get_resize_output_image_size` of DPT in transformers, with `keep_aspect_ratio` and `ensure_multiple_of`.
         """
-        assert self.size is not None  # the card has been checked
+        assert self.size is not None  # _check_sides needs it for this fit
         by_width, by_height = self.size[0] / width, self.size[1] / height
         factor = by_width if abs(1.0 - by_width) < abs(1.0 - by_height) else by_height
         columns, rows = (
@@ -179,7 +179,7 @@ class CompleteImageCard(ImageCard):
         )
         return columns, rows
 
-    def scaled(self, size: tuple[int, int]) -> tuple[int, int]:
+    def scaled_size(self, size: tuple[int, int]) -> tuple[int, int]:
         """Return the columns and rows of an image after its shorter side is scaled to `short_side`.
 
         Rounded as `get_size_with_aspect_ratio` of transformers does.
@@ -187,10 +187,10 @@ class CompleteImageCard(ImageCard):
         if self.short_side is None:
             return size
         short, long = min(size), max(size)
-        wanted: float = self.short_side
-        if self.long_side is not None and long / short * wanted > self.long_side:
-            wanted = self.long_side * short / long
-        sides = max(round(wanted), 1), max(int(wanted * long / short), 1)
+        target: float = self.short_side
+        if self.long_side is not None and long / short * target > self.long_side:
+            target = self.long_side * short / long
+        sides = max(round(target), 1), max(int(target * long / short), 1)
         return sides if size[0] == short else sides[::-1]
 
     def describe(self) -> list[tuple[str, str]]:
@@ -199,8 +199,8 @@ class CompleteImageCard(ImageCard):
         if self.fit == "aspect":
             size = f"near {size}, sides a multiple of {self.multiple}"
         if self.short_side is not None:
-            most = "" if self.long_side is None else f", the longer side at most {self.long_side}"
-            size += f", shorter side scaled to {self.short_side}{most}"
+            limit = "" if self.long_side is None else f", the longer side at most {self.long_side}"
+            size += f", shorter side scaled to {self.short_side}{limit}"
         return [
             ("size", f"{size}, {self.fit}{'' if self.resample is None else f', {self.resample}'}"),
             ("colours", f"{self.color}, {self.layout.replace('_', ' ')}"),
@@ -249,11 +249,11 @@ class PointCard(Card):
     """Channels of the input, in order. mask is 1 where there is a return, and is not normalised."""
     mean: Annotated[tuple[Factor, ...], length(1, 16)]
     """Mean to subtract, one for each channel."""
-    std: Annotated[tuple[Spread, ...], length(1, 16)]
+    std: Annotated[tuple[PositiveFactor, ...], length(1, 16)]
     """Standard deviation to divide by, one for each channel."""
     empty: Factor = 0.0
     """Value of pixels without a return, after normalisation."""
-    intensity_scale: Spread = 1.0
+    intensity_scale: PositiveFactor = 1.0
     """Factor for intensities, if the network was trained with another range than the LiDAR's."""
     neighbors: NeighborsConfig | None = NeighborsConfig()
     """How points take their classes from pixels; null takes the class of the point's own pixel."""
@@ -291,9 +291,9 @@ class CloudCard(Card):
     """Values of each point, in order."""
     mean: Annotated[tuple[Factor, ...], length(3, 16)] | None = None
     """Mean to subtract, one for each channel; 0 by default."""
-    std: Annotated[tuple[Spread, ...], length(3, 16)] | None = None
+    std: Annotated[tuple[PositiveFactor, ...], length(3, 16)] | None = None
     """Standard deviation to divide by, one for each channel; 1 by default."""
-    intensity_scale: Spread = 1.0
+    intensity_scale: PositiveFactor = 1.0
     """Factor for intensities, if the network was trained with another range than the LiDAR's."""
 
     @model_validator(mode="after")
@@ -363,10 +363,12 @@ def read_classes(card: Card, path: Path) -> tuple[dict[str, tuple[int, ...]], tu
             table = read_ontology(str(path.parent / classes) if Path(classes).suffix else classes)
         except InputError as error:
             raise InputError(f"{path}: classes: {error}") from None
-        named, ignore = table.ids(), (*table.ignore, *ignore)
+        ids_by_name, ignore = table.ids(), (*table.ignore, *ignore)
     elif isinstance(classes, tuple):
-        named = {name: [place] for place, name in enumerate(classes)}
+        ids_by_name = {name: [index] for index, name in enumerate(classes)}
     else:
-        named = {name: list(ids) for name, ids in classes.items()}
-    kept = {name: tuple(value for value in ids if value not in ignore) for name, ids in named.items()}
-    return {name: ids for name, ids in kept.items() if ids}, ignore
+        ids_by_name = {name: list(ids) for name, ids in classes.items()}
+    informative = {
+        name: tuple(value for value in ids if value not in ignore) for name, ids in ids_by_name.items()
+    }
+    return {name: ids for name, ids in informative.items() if ids}, ignore

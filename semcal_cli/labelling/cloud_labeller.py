@@ -40,27 +40,29 @@ class CloudLabeller:
     def tensor(self, cloud: Cloud) -> npt.NDArray[np.float32]:
         """Make the network's input (N, C) from the points."""
         card = self.model.card
-        columns = [values_of(cloud, channel, self.model) for channel in card.channels]
+        columns = [channel_values(cloud, channel, self.model) for channel in card.channels]
         numbers = np.stack(columns, axis=1) - (card.mean or 0.0)
         return np.asarray(numbers / (card.std or 1.0), np.float32)
 
     def _ids(self, output: npt.NDArray[Any], count: int) -> npt.NDArray[np.uint16]:
         """Read classes (N,) from scores (N x classes or classes x N) or ids, with or without a batch axis of one."""
         network = self.model.network
-        found = output[0] if output.ndim == 3 and len(output) == 1 else output
-        if np.issubdtype(found.dtype, np.integer) and found.size == count:
-            return network.as_ids(found.ravel())
-        if np.issubdtype(found.dtype, np.floating) and found.ndim == 2 and count in found.shape:
-            if not np.isfinite(found).all():
+        values = output[0] if output.ndim == 3 and len(output) == 1 else output
+        if np.issubdtype(values.dtype, np.integer) and values.size == count:
+            return network.as_ids(values.ravel())
+        if np.issubdtype(values.dtype, np.floating) and values.ndim == 2 and count in values.shape:
+            if not np.isfinite(values).all():
                 raise network.unfit("a score that is not finite", "finite ones")
-            axis = 1 if len(found) == count else 0
-            if found.shape[axis] > 1:
-                return np.asarray(found.argmax(axis), np.uint16)
+            axis = 1 if len(values) == count else 0
+            if values.shape[axis] > 1:
+                return np.asarray(values.argmax(axis), np.uint16)
         needed = f"{count} x classes, or {count} ids as whole numbers"
         raise network.unfit(f"output {output.shape} of {output.dtype}", needed)
 
 
-def values_of(cloud: Cloud, channel: str, model: Model[PointCard] | Model[CloudCard]) -> npt.NDArray[Any]:
+def channel_values(
+    cloud: Cloud, channel: str, model: Model[PointCard] | Model[CloudCard]
+) -> npt.NDArray[Any]:
     """Compute a channel of a network's input for each point (N,), before normalisation.
 
     Raises:

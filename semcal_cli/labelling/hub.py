@@ -105,10 +105,10 @@ def find_model(name: str, max_mb: float, on_event: Listener = ignore) -> Path:
     parts = NAME.fullmatch(text)
     if parts is None or ".." in text:
         raise InputError(f"{text}: is not the name of an ONNX network on the hub, needed {SYNTAX}")
-    asked = HubName(text, parts["repo"], parts["revision"] or "main", parts["file"])
+    hub = HubName(text, parts["repo"], parts["revision"] or "main", parts["file"])
     check_installed(text, "huggingface_hub", "label")
-    with _errors_of(asked):
-        return _fetched(asked, max_mb, on_event)
+    with _translated_errors(hub):
+        return _fetch_files(hub, max_mb, on_event)
 
 
 def hub_name(path: Path) -> str | None:
@@ -120,57 +120,61 @@ def hub_name(path: Path) -> str | None:
 def licence_of(path: Path) -> str | None:
     """Look up the licence of a file in the cache, if its repository is one of `RECOMMENDED`."""
     name = hub_name(path) or ""
-    found = (it.licence for it in RECOMMENDED.values() if name.startswith(f"{PREFIX}{it.repository}@"))
-    return next(found, None)
+    licences = (
+        network.licence
+        for network in RECOMMENDED.values()
+        if name.startswith(f"{PREFIX}{network.repository}@")
+    )
+    return next(licences, None)
 
 
-def _fetched(asked: HubName, max_mb: float, on_event: Listener) -> Path:
+def _fetch_files(hub: HubName, max_mb: float, on_event: Listener) -> Path:
     """Fetch the files that the cache lacks. The model comes last, so that a cached model is complete."""
     import huggingface_hub
     from huggingface_hub.errors import HfHubHTTPError
 
     start, api = perf_counter(), huggingface_hub.HfApi(library_name="semcal")
     fetch = partial(
-        huggingface_hub.hf_hub_download, asked.repo, endpoint=api.endpoint, library_name=api.library_name
+        huggingface_hub.hf_hub_download, hub.repo, endpoint=api.endpoint, library_name=api.library_name
     )
     try:
-        found = api.model_info(asked.repo, revision=asked.revision, timeout=TIMEOUT_S)
+        info = api.model_info(hub.repo, revision=hub.revision, timeout=TIMEOUT_S)
     except Exception as error:  # Which errors the library raises without a connection depends on its version.
         if isinstance(error, HfHubHTTPError) and error.response.status_code in REFUSALS:
             raise
-        return _cached(asked, api.endpoint, error)
-    names, commit = [each.rfilename for each in found.siblings or ()], found.sha
-    model = _model_among(asked, names)
-    wanted = [name for name in names if name in SIDECARS or _is_part(name, model)] + [model]
-    states: list[Any] = [fetch(name, revision=commit, dry_run=True) for name in wanted]
+        return _find_cached(hub, api.endpoint, error)
+    names, commit = [sibling.rfilename for sibling in info.siblings or ()], info.sha
+    model = _choose_model(hub, names)
+    chosen = [name for name in names if name in SIDECARS or _is_part(name, model)] + [model]
+    states: list[Any] = [fetch(name, revision=commit, dry_run=True) for name in chosen]
     sizes = [state.file_size or 0 for state in states if state.will_download]
     size_mb = sum(sizes) / MEGABYTE
     if size_mb > max_mb:
-        raise asked.error(
+        raise hub.error(
             f"{size_mb:,.1f} MB to fetch", f"at most {max_mb:g} MB; --max-download-mb allows more"
         )
-    for name in wanted:
-        fetch(name, revision=commit, tqdm_class=_bar(f"fetching {name} of {asked.repo}", on_event))
+    for name in chosen:
+        fetch(name, revision=commit, tqdm_class=_progress_bar(f"fetching {name} of {hub.repo}", on_event))
     # By the name of the revision, so that the cache can resolve it offline.
-    path = Path(fetch(model, revision=asked.revision))
+    path = Path(fetch(model, revision=hub.revision))
     if sizes:
-        note = f"{hub_name(path) or asked.text}: {len(sizes)} files, {size_mb:.1f} MB"
+        note = f"{hub_name(path) or hub.text}: {len(sizes)} files, {size_mb:.1f} MB"
         on_event(StageDone("fetched", perf_counter() - start, note))
     return path
 
 
-def _model_among(asked: HubName, siblings: Iterable[str]) -> str:
+def _choose_model(hub: HubName, siblings: Iterable[str]) -> str:
     names = set(siblings)
-    if model := next(filter(names.__contains__, asked.files), None):
+    if model := next(filter(names.__contains__, hub.files), None):
         return model
     networks = sorted(name for name in names if name.endswith(".onnx"))
     if networks:
-        file = asked.file or "no " + " or ".join(USUAL)
-        raise asked.error(f"{file} among {listed(networks)}", f"{PREFIX}{asked.repo}:FILE with one of them")
+        file = hub.file or "no " + " or ".join(USUAL)
+        raise hub.error(f"{file} among {listed(networks)}", f"{PREFIX}{hub.repo}:FILE with one of them")
     weights = [
         name for name in names if name.endswith((".bin", ".pt", ".pth", ".safetensors", ".h5", ".msgpack"))
     ]
-    raise asked.error(
+    raise hub.error(
         f"no ONNX file (weights: {listed(sorted(weights))})",
         "a repository with onnx/model.onnx, such as those of Xenova and onnx-community",
     )
@@ -181,40 +185,42 @@ def _is_part(name: str, model: str) -> bool:
     return any(re.fullmatch(re.escape(model + end) + r"(_\d+)?", name) for end in EXTERNAL)
 
 
-def _cached(asked: HubName, endpoint: str, error: Exception) -> Path:
+def _find_cached(hub: HubName, endpoint: str, error: Exception) -> Path:
     """Find a network in the cache, without the hub."""
     import huggingface_hub
 
-    for file in asked.files:
-        path = huggingface_hub.try_to_load_from_cache(asked.repo, file, revision=asked.revision)
+    for file in hub.files:
+        path = huggingface_hub.try_to_load_from_cache(hub.repo, file, revision=hub.revision)
         if isinstance(path, str):
             return Path(path)
     needed = "a connection, or a copy from an earlier run"
-    raise asked.error(f"no copy in the cache, and {endpoint} failed ({reason(error)[:200]})", needed)
+    raise hub.error(f"no copy in the cache, and {endpoint} failed ({reason(error)[:200]})", needed)
 
 
 @contextmanager
-def _errors_of(asked: HubName) -> Iterator[None]:
-    """Turn the errors of the hub into one line."""
+def _translated_errors(hub: HubName) -> Iterator[None]:
+    """Raise the errors of the hub as one line."""
     from huggingface_hub import constants, errors
 
     try:
         yield
     except errors.GatedRepoError:
-        terms = f"accept its terms at {constants.ENDPOINT}/{asked.repo} and log in with `hf auth login` or HF_TOKEN"
-        raise asked.error("a gated model", f"access to it: {terms}") from None
+        terms = (
+            f"accept its terms at {constants.ENDPOINT}/{hub.repo} and log in with `hf auth login` or HF_TOKEN"
+        )
+        raise hub.error("a gated model", f"access to it: {terms}") from None
     except errors.RepositoryNotFoundError:
         needed = "a public one, or a login with `hf auth login` or HF_TOKEN"
-        raise asked.error(f"no such model at {constants.ENDPOINT}, or it is private", needed) from None
+        raise hub.error(f"no such model at {constants.ENDPOINT}, or it is private", needed) from None
     except errors.RevisionNotFoundError:
-        raise asked.error(f"no revision {asked.revision!r}", "a branch, a tag or a commit") from None
+        raise hub.error(f"no revision {hub.revision!r}", "a branch, a tag or a commit") from None
     except InputError:
         raise
     except Exception as error:  # The connection, the disk or a dependency of the library.
-        raise InputError(f"{asked.text}: could not be fetched: {reason(error)[:300]}") from None
+        raise InputError(f"{hub.text}: could not be fetched: {reason(error)[:300]}") from None
 
 
-def _bar(doing: str, on_event: Listener) -> type[Any]:
+def _progress_bar(step: str, on_event: Listener) -> type[Any]:
     """Make a progress bar class for the library that reports the progress of a download to a listener."""
     from tqdm import tqdm
 
@@ -227,7 +233,7 @@ def _bar(doing: str, on_event: Listener) -> type[Any]:
         def update(self, n: float | None = 1) -> None:
             self.num_done += int(n or 0)
             of = f" of {self.total / MEGABYTE:.1f}" if self.total else ""
-            on_event(Progress(f"{doing}: {self.num_done / MEGABYTE:.1f}{of} MB"))
+            on_event(Progress(f"{step}: {self.num_done / MEGABYTE:.1f}{of} MB"))
 
         def update_transfer(self, n: float | None = 1) -> None:
             """Ignore compressed chunks, which `update` counts already; the library calls this method."""

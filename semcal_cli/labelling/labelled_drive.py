@@ -20,8 +20,8 @@ from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.input_files import hash_file, is_same_file
 from semcal_cli.files.output_files import make_folder, write_bytes, write_text
 from semcal_cli.files.validation import validate
-from semcal_cli.labelling.second_labels import note_second
-from semcal_cli.labelling.sides import Side
+from semcal_cli.labelling.second_labels import record_second_labels
+from semcal_cli.labelling.sides import LabelSide
 
 RECORD = "semcal_label.json"
 """File in a folder of labels that records what they depend on."""
@@ -51,11 +51,11 @@ class LabelledDrive:
 
 def label_drive(
     drive: Drive,
-    sides: Sequence[Side],
+    sides: Sequence[LabelSide],
     out: Path,
     *,
     indices: Sequence[int] | None = None,
-    again: Collection[Side] = (),
+    overwrite: Collection[LabelSide] = (),
     by_content: bool = False,
     on_event: Listener = ignore,
 ) -> LabelledDrive:
@@ -69,7 +69,7 @@ def label_drive(
         sides: Sides to label.
         out: Folder of the new drive, or its drive.yaml.
         indices: Frames to label and keep; None for all. Names of label files do not depend on it.
-        again: Sides whose existing labels are replaced.
+        overwrite: Sides whose existing labels are replaced.
         by_content: Whether label files are named by the content of the labelled file, not by its name.
         on_event: Called with each event.
 
@@ -80,41 +80,41 @@ def label_drive(
     if is_same_file(path, drive.path):
         raise InputError(f"{path}: found the input drive, needed another name")
     files: dict[str, list[Path]] = {
-        side.key: _prepared(drive, side, path.parent, side in again, by_content) for side in sides
+        side.key: _prepare_folder(drive, side, path.parent, side in overwrite, by_content) for side in sides
     }
-    chosen = range(len(drive.frames)) if indices is None else indices
-    jobs = [(side, index) for index in chosen for side in sides]
-    waiting = [(side, index) for side, index in jobs if not side.is_whole(drive, files[side.key][index])]
+    frame_indices = range(len(drive.frames)) if indices is None else indices
+    jobs = [(side, index) for index in frame_indices for side in sides]
+    pending = [(side, index) for side, index in jobs if not side.is_whole(drive, files[side.key][index])]
 
-    def label(side: Side, index: int) -> None:
+    def label(side: LabelSide, index: int) -> None:
         write_bytes(side.label(drive, drive.frames[index]), files[side.key][index])
 
-    failed: dict[int, str] = {}
+    failures: dict[int, str] = {}
     start = perf_counter()
     with ThreadPoolExecutor(AT_A_TIME) as pool:
-        futures = [pool.submit(label, *job) for job in waiting]
+        futures = [pool.submit(label, *job) for job in pending]
         try:
-            for count, ((_, index), future) in enumerate(zip(waiting, futures, strict=True)):
-                left_s = (perf_counter() - start) / max(count, 1) * (len(waiting) - count)
+            for count, ((_, index), future) in enumerate(zip(pending, futures, strict=True)):
+                left_s = (perf_counter() - start) / max(count, 1) * (len(pending) - count)
                 end = f", {left_s:.0f} s left" if count else ""
-                on_event(Progress(f"labelling {count + 1} of {len(waiting)}{end}"))
+                on_event(Progress(f"labelling {count + 1} of {len(pending)}{end}"))
                 try:
                     future.result()
                 except InputError as error:
-                    failed.setdefault(index, str(error))
+                    failures.setdefault(index, str(error))
         finally:
             pool.shutdown(cancel_futures=True)
-    kept = [index for index in chosen if index not in failed]
-    if not kept:
-        raise InputError(next(iter(failed.values())))
-    document = _document(drive, sides, path, kept, files)
+    labelled_indices = [index for index in frame_indices if index not in failures]
+    if not labelled_indices:
+        raise InputError(next(iter(failures.values())))
+    document = _document(drive, sides, path, labelled_indices, files)
     validate(Drive, document, path)
     write_text(document_text(document, "yaml"), path)
-    return LabelledDrive(path, len(kept), len(jobs) - len(waiting), tuple(failed.values()))
+    return LabelledDrive(path, len(labelled_indices), len(jobs) - len(pending), tuple(failures.values()))
 
 
 def label_beside(
-    drive: Drive, sides: Sequence[Side], on_event: Listener = ignore
+    drive: Drive, sides: Sequence[LabelSide], on_event: Listener = ignore
 ) -> tuple[Path, SecondLabels | None]:
     """Label the images of a drive with one network or two, into a cache beside the drive.
 
@@ -127,30 +127,31 @@ def label_beside(
         InputError: an image cannot be labelled, or the cache cannot be written.
     """
     folders = [
-        _key({"settings": side.settings, "classes": side.classes, "ignore": side.ignore}) for side in sides
+        _cache_key({"settings": side.settings, "classes": side.classes, "ignore": side.ignore})
+        for side in sides
     ]
     # Other frames, another camera or another second network make another drive, so that a result's drive stays
     # what it was.
-    name = f"{drive.path.stem}_{_key([drive.model_dump(mode='json'), *folders[1:]])}.yaml"
+    name = f"{drive.path.stem}_{_cache_key([drive.model_dump(mode='json'), *folders[1:]])}.yaml"
     paths = [drive.root / CACHE / folder / name for folder in folders]
     for side, path in zip(sides, paths, strict=True):
-        found = label_drive(drive, [side], path, by_content=True, on_event=on_event)
-        if found.failures:
+        labelled_drive = label_drive(drive, [side], path, by_content=True, on_event=on_event)
+        if labelled_drive.failures:
             raise InputError(
-                f"{len(found.failures)} of {len(drive.frames)} images failed; {found.failures[0]}"
+                f"{len(labelled_drive.failures)} of {len(drive.frames)} images failed; {labelled_drive.failures[0]}"
             )
-    return paths[0], note_second(*paths) if len(paths) > 1 else None
+    return paths[0], record_second_labels(*paths) if len(paths) > 1 else None
 
 
-def _key(content: object) -> str:
-    return hashlib.sha256(_text(content).encode()).hexdigest()[:KEY_LENGTH]
+def _cache_key(content: object) -> str:
+    return hashlib.sha256(_record_text(content).encode()).hexdigest()[:KEY_LENGTH]
 
 
-def _text(settings: object) -> str:
+def _record_text(settings: object) -> str:
     return json.dumps(settings, indent=2, sort_keys=True) + "\n"
 
 
-def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: bool) -> list[Path]:
+def _prepare_folder(drive: Drive, side: LabelSide, root: Path, force: bool, by_content: bool) -> list[Path]:
     """Make the folder of the labels, check its record, and name the label file of each frame."""
     folder = root / (side.folder or side.key)
     make_folder(folder)
@@ -158,26 +159,26 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
     if not by_content:
         # The same name may mean another file in another drive.
         sources = [getattr(frame, side.source) for frame in drive.frames]
-        settings["sources"] = _key([str(drive.resolve(source)) for source in sources if source])
+        settings["sources"] = _cache_key([str(drive.resolve(source)) for source in sources if source])
     if not record.exists():
         if any(folder.iterdir()):
             raise InputError(f"{folder}: found files that `semcal label` did not write, needed another -o")
     elif not force and {**read_document(record), ORIGIN: None} != {
-        **json.loads(_text(settings)),
+        **json.loads(_record_text(settings)),
         ORIGIN: None,
     }:
         raise InputError(
             f"{folder}: found labels of another model, drive or settings, needed another -o, or --force"
         )
-    files = [folder / f"{name}{side.suffix}" for name in _names(drive, side, by_content)]
+    files = [folder / f"{name}{side.suffix}" for name in _label_names(drive, side, by_content)]
     for file in files if force else ():
         # A forced run that is stopped leaves no old labels.
         file.unlink(missing_ok=True)
-    write_text(_text(settings | ({ORIGIN: side.origin} if side.origin else {})), record)
+    write_text(_record_text(settings | ({ORIGIN: side.origin} if side.origin else {})), record)
     return files
 
 
-def _names(drive: Drive, side: Side, by_content: bool) -> list[str]:
+def _label_names(drive: Drive, side: LabelSide, by_content: bool) -> list[str]:
     """Name the labels of each frame after the labelled file, or after its content."""
     if by_content:
         files = [drive.file_of(frame, side.source, "an image") for frame in drive.frames]
@@ -189,7 +190,11 @@ def _names(drive: Drive, side: Side, by_content: bool) -> list[str]:
 
 
 def _document(
-    drive: Drive, sides: Sequence[Side], path: Path, kept: Sequence[int], files: Mapping[str, Sequence[Path]]
+    drive: Drive,
+    sides: Sequence[LabelSide],
+    path: Path,
+    indices: Sequence[int],
+    files: Mapping[str, Sequence[Path]],
 ) -> dict[str, Any]:
     """Make the document of the labelled drive, with file names relative to it."""
 
@@ -197,15 +202,15 @@ def _document(
         return os.path.relpath(drive.resolve(name), path.parent)
 
     document: dict[str, Any] = drive.model_dump(mode="json", exclude_none=True)
-    frames = [document["frames"][index] for index in kept]
-    for frame, index in zip(frames, kept, strict=True):
+    frames = [document["frames"][index] for index in indices]
+    for frame, index in zip(frames, indices, strict=True):
         frame |= {key: relative(frame[key]) for key in FILES if key in frame}
         frame |= {key: os.path.relpath(str(names[index]), path.parent) for key, names in files.items()}
     parts: dict[str, Any] = {key: document.pop(key, {}) for key in ("ignore", "classes")}
     networks = document.pop("networks", {})
     for side in sides:
         name = "image" if side.key == "image_labels" else "points"
-        parts["classes"][name] = {each: list(ids) for each, ids in side.classes.items()}
+        parts["classes"][name] = {class_name: list(ids) for class_name, ids in side.classes.items()}
         parts["ignore"][name] = list(side.ignore)
         networks.pop(name, None)
         if name == "image":
@@ -215,8 +220,8 @@ def _document(
             networks[name] = side.network.model_dump(mode="json", exclude_none=True)
     if networks:
         document["networks"] = networks
-    given = {key: {name: value for name, value in part.items() if value} for key, part in parts.items()}
-    document |= {"frames": frames} | {key: part for key, part in given.items() if part}
+    entries = {key: {name: value for name, value in part.items() if value} for key, part in parts.items()}
+    document |= {"frames": frames} | {key: part for key, part in entries.items() if part}
     if "poses" in document.get("motion", {}):
         document["motion"]["poses"] = relative(document["motion"]["poses"])
     return document

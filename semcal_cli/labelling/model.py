@@ -16,7 +16,7 @@ from semcal_cli.labelling.card import (
     Color,
     CompleteImageCard,
     ImageCard,
-    Kind,
+    OutputKind,
     PointCard,
     find_card,
     read_card,
@@ -30,18 +30,18 @@ SHOWN_NAMES = 6
 """Number of class names that `--show` prints."""
 IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """ImageNet's mean and standard deviation of red, green and blue, which most networks use."""
-BYTE = 1.0 / 255.0
+BYTE_SCALE = 1.0 / 255.0
 MAX_SCALED = 2.0
 """Largest plausible mean or standard deviation of pixels from 0 to 1."""
 MAX_NETWORK_PIXELS = 1 << 25
 """Largest number of pixels of a network's image."""
 AXES = {"channels_first": (1, 2, 3), "channels_last": (3, 1, 2)}
 """Axes of the channels, rows and columns in each layout of a batch."""
-PLAIN = ("logits", "output", "out", "output_0", "pred", "prediction", "semantic_logits")
+PREFERRED_OUTPUTS = ("logits", "output", "out", "output_0", "pred", "prediction", "semantic_logits")
 """Names of the output to read if a network has several, in order of preference."""
 MASKS = ("class_queries_logits", "masks_queries_logits")
 """Names of the two outputs of Mask2Former and similar networks."""
-AnyStated: TypeAlias = ImageCard | PointCard | CloudCard
+AnyStatedCard: TypeAlias = ImageCard | PointCard | CloudCard
 AnyCard = TypeVar("AnyCard", CompleteImageCard, PointCard, CloudCard)
 
 
@@ -98,49 +98,54 @@ def image_model(network: Network, card: str | None) -> Model[CompleteImageCard]:
     Raises:
         InputError: the card is missing, wrong or for sweeps, or the network contradicts it.
     """
-    stated, card_path = card_of(network, card)
-    if isinstance(stated, PointCard | CloudCard):
+    stated_card, card_path = card_of(network, card)
+    if isinstance(stated_card, PointCard | CloudCard):
         raise network.unfit("a card for sweeps", "one for images")
-    joining = _Joining(network, stated or ImageCard(semcal_image_model=1), card_path)
-    found = joining.read_input()
-    joining.check_constants()
-    outputs, kind = joining.read_outputs()
-    classes, ignore = read_classes(joining.card, card_path)
+    completion = _CardCompletion(network, stated_card or ImageCard(semcal_image_model=1), card_path)
+    input_keys = completion.read_input()
+    completion.check_constants()
+    outputs, kind = completion.read_outputs()
+    classes, ignore = read_classes(completion.card, card_path)
     if not classes:
-        joining.guesses.append("classes have no names, and ids stay as they are; a card can name them")
-    complete = CompleteImageCard(**{**dict(joining.card), **found, "kind": kind})
-    return Model(network, complete, card_path, outputs, classes, ignore, tuple(joining.guesses))
+        completion.guesses.append("classes have no names, and ids stay as they are; a card can name them")
+    complete_card = CompleteImageCard(**{**dict(completion.card), **input_keys, "kind": kind})
+    return Model(network, complete_card, card_path, outputs, classes, ignore, tuple(completion.guesses))
 
 
 def point_model(network: Network, card: str | None) -> Model[PointCard]:
     """Combine a network for range images with its card; arguments and errors are those of `image_model`."""
-    stated, card_path = card_of(network, card)
-    if not isinstance(stated, PointCard):
+    stated_card, card_path = card_of(network, card)
+    if not isinstance(stated_card, PointCard):
         raise network.unfit("no card for sweeps (semcal_point_model: 1)", "one next to it, or --point-card")
-    if others := network.others():
-        raise network.unfit(f"additional inputs {', '.join(others)}", "only a range image")
-    port, wanted = network.input, (1, len(stated.channels), stated.rows, stated.columns)
+    if other_inputs := network.other_inputs():
+        raise network.unfit(f"additional inputs {', '.join(other_inputs)}", "only a range image")
+    port, expected_shape = (
+        network.input,
+        (1, len(stated_card.channels), stated_card.rows, stated_card.columns),
+    )
     fits = len(port.shape) == 4 and all(
-        size in (None, need) for size, need in zip(port.shape, wanted, strict=True)
+        size in (None, expected) for size, expected in zip(port.shape, expected_shape, strict=True)
     )
     if not fits or not port.dtype.startswith("float"):
-        raise network.unfit(f"input {port}", f"{' x '.join(map(str, wanted))} float, as {card_path} says")
-    return _with_output(network, stated, card_path)
+        raise network.unfit(
+            f"input {port}", f"{' x '.join(map(str, expected_shape))} float, as {card_path} says"
+        )
+    return _make_model(network, stated_card, card_path)
 
 
 def cloud_model(network: Network, card: str | None) -> Model[CloudCard]:
     """Combine a network that takes points with its card; arguments and errors are those of `image_model`."""
-    stated, card_path = card_of(network, card)
-    assert isinstance(stated, CloudCard)  # callers have checked it
-    if others := network.others():
-        raise network.unfit(f"additional inputs {', '.join(others)}", "only points")
-    port, count = network.input, len(stated.channels)
+    stated_card, card_path = card_of(network, card)
+    assert isinstance(stated_card, CloudCard)  # callers have checked it
+    if other_inputs := network.other_inputs():
+        raise network.unfit(f"additional inputs {', '.join(other_inputs)}", "only points")
+    port, count = network.input, len(stated_card.channels)
     if not port.dtype.startswith("float") or len(port.shape) not in (2, 3) or count not in port.shape[-2:]:
         raise network.unfit(f"input {port}", f"any x {count} float, as the channels of {card_path}")
-    return _with_output(network, stated, card_path)
+    return _make_model(network, stated_card, card_path)
 
 
-def card_of(network: Network, name: str | None) -> tuple[AnyStated | None, Path]:
+def card_of(network: Network, name: str | None) -> tuple[AnyStatedCard | None, Path]:
     """Read the card of a network, or the transformers files beside it.
 
     Returns:
@@ -157,7 +162,7 @@ def wrong_key(card_path: Path, key: str, found: object, needed: object) -> Input
     return InputError(f"{card_path}: {key}: {mismatch(found, needed)}")
 
 
-def _named_output(network: Network, card: Card, card_path: Path) -> str | None:
+def _find_output(network: Network, card: Card, card_path: Path) -> str | None:
     """Find the output that the card names, or the only one; None if there are several and the card names none."""
     names = [port.name for port in network.outputs]
     if card.output is not None and card.output not in names:
@@ -165,16 +170,16 @@ def _named_output(network: Network, card: Card, card_path: Path) -> str | None:
     return card.output or (names[0] if len(names) == 1 else None)
 
 
-def _with_output(network: Network, card: AnyCard, card_path: Path) -> Model[AnyCard]:
+def _make_model(network: Network, card: AnyCard, card_path: Path) -> Model[AnyCard]:
     """Combine a network with its complete card, which need not name the only output."""
-    output = _named_output(network, card, card_path)
+    output = _find_output(network, card, card_path)
     if output is None:
         names = ", ".join(port.name for port in network.outputs)
         raise wrong_key(card_path, "output", "none", f"one of: {names}")
     return Model(network, card, card_path, (output,), *read_classes(card, card_path))
 
 
-class _Joining:
+class _CardCompletion:
     """An image network and its card, and what had to be guessed."""
 
     def __init__(self, network: Network, card: ImageCard, card_path: Path) -> None:
@@ -198,19 +203,19 @@ class _Joining:
         if (color == "gray") != (num_channels == 1):
             raise self._wrong("color", color, f"{num_channels} channels")
         scale, mean, std = self._normalisation(color, num_channels)
-        each = {"mean": mean * (num_channels // len(mean)), "std": std * (num_channels // len(std))}
-        return {"layout": layout, "size": size, "color": color, "scale": scale, **each}
+        normalisation = {"mean": mean * (num_channels // len(mean)), "std": std * (num_channels // len(std))}
+        return {"layout": layout, "size": size, "color": color, "scale": scale, **normalisation}
 
     def check_constants(self) -> None:
         """Check that the card states the values of each additional input."""
-        names = self.network.others()
-        if open_ones := [name for name in names if name not in self.card.constants]:
+        names = self.network.other_inputs()
+        if missing := [name for name in names if name not in self.card.constants]:
             needed = "only an image, or constants for them in a card"
-            raise self.network.unfit(f"additional inputs {', '.join(open_ones)}", needed)
+            raise self.network.unfit(f"additional inputs {', '.join(missing)}", needed)
         if unknown := [name for name in self.card.constants if name not in names]:
             raise self._wrong("constants", unknown[0], f"one of: {', '.join(names) or 'none'}")
 
-    def read_outputs(self) -> tuple[tuple[str, ...], Kind | None]:
+    def read_outputs(self) -> tuple[tuple[str, ...], OutputKind | None]:
         """Choose the outputs to read, and their kind."""
         card, ports = self.card, {port.name: port for port in self.network.outputs}
         has_masks = set(MASKS) <= set(ports)
@@ -219,14 +224,14 @@ class _Joining:
                 needed = f"outputs named {' and '.join(MASKS)}, not {', '.join(ports)}"
                 raise self._wrong("kind", "masks", needed)
             return MASKS, "masks"
-        name = _named_output(self.network, card, self.card_path)
+        name = _find_output(self.network, card, self.card_path)
         if name is None:
-            name = next((name for name in PLAIN if name in ports), next(iter(ports)))
+            name = next((name for name in PREFERRED_OUTPUTS if name in ports), next(iter(ports)))
             self.guesses.append(f"the output to read is {name!r}")
         return (name,), card.kind or self._kind_of(ports[name])
 
-    def _kind_of(self, port: Port) -> Kind | None:
-        """Tell ids from scores by the type and axes of an output; None for scores."""
+    def _kind_of(self, port: Port) -> OutputKind | None:
+        """Distinguish ids from scores by the type and axes of an output; None for scores."""
         if port.dtype.startswith(("int", "uint")):
             return "ids"
         if not port.dtype.startswith("float"):
@@ -244,13 +249,13 @@ class _Joining:
 
     def _size(self, columns: int | None, rows: int | None) -> tuple[int, int] | None:
         """Combine the size of the input with that of the card."""
-        wanted = self.card.size or (None, None)
-        for name, found, needed in (("columns", columns, wanted[0]), ("rows", rows, wanted[1])):
-            if found is not None and needed not in (None, found):
-                raise self._wrong("size", f"{needed} {name}", f"{found}, as {self.network.path} states")
+        card_size = self.card.size or (None, None)
+        for name, actual, card_value in (("columns", columns, card_size[0]), ("rows", rows, card_size[1])):
+            if actual is not None and card_value not in (None, actual):
+                raise self._wrong("size", f"{card_value} {name}", f"{actual}, as {self.network.path} states")
         if self.card.fit == "aspect" and (columns, rows) != (None, None):
             raise self._wrong("fit", "aspect", f"another: the size of {self.network.path} is fixed")
-        columns, rows = columns or wanted[0], rows or wanted[1]
+        columns, rows = columns or card_size[0], rows or card_size[1]
         if columns is not None and rows is not None:
             if columns * rows > MAX_NETWORK_PIXELS:
                 raise self._wrong("size", f"{columns:,} x {rows:,} pixels", f"at most {MAX_NETWORK_PIXELS:,}")
@@ -269,7 +274,9 @@ class _Joining:
         is_stated = (card.scale, card.mean, card.std) != (None, None, None)
         if self.network.input.dtype == "uint8":
             # An 8-bit network takes bytes where its card speaks of pixels from 0 to 1.
-            is_plain = card.scale == BYTE and not any(card.mean or ()) and set(card.std or (1.0,)) == {1.0}
+            is_plain = (
+                card.scale == BYTE_SCALE and not any(card.mean or ()) and set(card.std or (1.0,)) == {1.0}
+            )
             if is_stated and not is_plain:
                 raise self._wrong("scale, mean, std", "some", f"none: {self.network.path} takes uint8 pixels")
             return 1.0, (0.0,), (1.0,)
@@ -283,7 +290,7 @@ class _Joining:
                 raise self._wrong(name, f"{max(numbers):g}", needed)
         if card.color is None and num_channels == 3:
             self.guesses.append("colours are in the order red, green, blue")
-        scale = BYTE if card.scale is None else card.scale
+        scale = BYTE_SCALE if card.scale is None else card.scale
         if is_stated:
             return scale, card.mean or (0.0,), card.std or (1.0,)
         self.guesses.append("pixels are scaled to 1 and normalised by ImageNet's mean and standard deviation")

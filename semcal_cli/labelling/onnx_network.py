@@ -60,7 +60,7 @@ class Network:
         """The first input with four axes, as of images and range images, or else the first input."""
         return next((port for port in self.inputs if len(port.shape) == 4), self.inputs[0])
 
-    def others(self) -> list[str]:
+    def other_inputs(self) -> list[str]:
         """List the names of all inputs but `input`."""
         return [port.name for port in self.inputs if port.name != self.input.name]
 
@@ -89,12 +89,12 @@ class Network:
         """
         types = {port.name: port.dtype for port in self.inputs}
         try:
-            given = {name: tensor.astype(types[name], copy=False) for name, tensor in tensors.items()}
-            found = self.session.run(list(names), given)
+            inputs = {name: tensor.astype(types[name], copy=False) for name, tensor in tensors.items()}
+            outputs = self.session.run(list(names), inputs)
         except Exception as error:  # onnxruntime has its own exception for each kind of failure.
             shapes = " and ".join(" x ".join(map(str, tensor.shape)) for tensor in tensors.values())
             raise InputError(f"{self.path}: failed on an input of {shapes}: {_reason(error)}") from None
-        return dict(zip(names, map(np.asarray, found), strict=True))
+        return dict(zip(names, map(np.asarray, outputs), strict=True))
 
 
 def open_network(path: Path, device: str = "cpu", num_threads: int | None = None) -> Network:

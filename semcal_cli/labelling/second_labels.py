@@ -23,20 +23,20 @@ def second_file(path: Path) -> Path:
     return path.with_stem(f"{path.stem}_2")
 
 
-def note_second(path: Path, second: Path) -> SecondLabels:
+def record_second_labels(path: Path, second: Path) -> SecondLabels:
     """Record in a labelled drive the drive with the labels of a second network, and how far the two differ.
 
     Raises:
         InputError: labels cannot be read.
     """
     share = disagreement(read_drive(path), read_drive(second))
-    found = SecondLabels(drive=os.path.relpath(second, path.parent), disagreement=share)
+    second_labels = SecondLabels(drive=os.path.relpath(second, path.parent), disagreement=share)
     document = read_document(path)
     networks = LabelNetworks.model_validate(document.get("networks", {}))
-    noted = networks.model_copy(update={"second": found})
-    document["networks"] = noted.model_dump(mode="json", exclude_none=True)
+    labelled_networks = networks.model_copy(update={"second": second_labels})
+    document["networks"] = labelled_networks.model_dump(mode="json", exclude_none=True)
     write_text(document_text(document, "yaml"), path)
-    return found
+    return second_labels
 
 
 def disagreement(first: Drive, second: Drive) -> float | None:
@@ -54,12 +54,12 @@ def disagreement(first: Drive, second: Drive) -> float | None:
         frames = tuple(frame for frame in drive.frames if frame.points in common)
         sides.append(_classes(drive.model_copy(update={"frames": frames})))
     (a, names_a), (b, names_b) = sides
-    is_both = (a >= 0) & (b >= 0)
-    if not is_both.any():
+    is_classified = (a >= 0) & (b >= 0)
+    if not is_classified.any():
         return None
     shape = len(names_a), len(names_b)
-    met = np.ravel_multi_index((a[is_both], b[is_both]), shape)
-    counts = np.bincount(met, minlength=shape[0] * shape[1]).reshape(shape)
+    pairs = np.ravel_multi_index((a[is_classified], b[is_classified]), shape)
+    counts = np.bincount(pairs, minlength=shape[0] * shape[1]).reshape(shape)
     if set(names_a) == set(names_b):
         same = sum(int(counts[place, names_b.index(name)]) for place, name in enumerate(names_a))
     else:
@@ -71,10 +71,10 @@ def disagreement(first: Drive, second: Drive) -> float | None:
 def _classes(drive: Drive) -> tuple[npt.NDArray[np.int64], list[str]]:
     """Read the class of each compared pixel, as an index into the names; -1 where a pixel has none."""
     ids = read_thumbnails(drive, COLUMNS, ROWS).astype(np.int64)
-    named = drive.classes.image if drive.classes is not None else {}
-    of_names = named or {str(value): (value,) for value in np.unique(ids).tolist()}
-    places = np.full(1 << 16, -1, np.int64)
-    for place, values in enumerate(of_names.values()):
-        places[list(values)] = place
-    places[list(drive.ignore.image)] = -1
-    return places[ids], list(of_names)
+    names = drive.classes.image if drive.classes is not None else {}
+    ids_by_name = names or {str(value): (value,) for value in np.unique(ids).tolist()}
+    indices = np.full(1 << 16, -1, np.int64)
+    for index, values in enumerate(ids_by_name.values()):
+        indices[list(values)] = index
+    indices[list(drive.ignore.image)] = -1
+    return indices[ids], list(ids_by_name)

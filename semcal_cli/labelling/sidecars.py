@@ -21,7 +21,7 @@ from semcal_cli.labelling.hub import SIDECARS
 from semcal_cli.labelling.onnx_network import Network
 
 CONFIG, PREPROCESSOR, PROCESSOR = SIDECARS
-OF_IMAGES = "image_processor"
+IMAGE_PROCESSOR = "image_processor"
 """Key of processor_config.json for the image processor."""
 TASK = "task_inputs"
 """Input of OneFormer that states its task."""
@@ -34,7 +34,7 @@ ONNX_FOLDER = "onnx"
 DENSE = "ForSemanticSegmentation"
 QUERIES = ("ForUniversalSegmentation", "MaskFormerForInstanceSegmentation")
 """Suffixes of the architectures with classes and masks of queries."""
-BY_EDGE = ("MaskFormer", "Mask2Former", "OneFormer", "MobileViT", "MobileNet")
+BY_SHORTER_SIDE = ("MaskFormer", "Mask2Former", "OneFormer", "MobileViT", "MobileNet")
 """Prefixes of the architectures whose `size`, if it is one number, is that of the shorter side."""
 RESAMPLES = ("nearest", "lanczos", "bilinear", "bicubic", "box", "hamming")
 """Pillow filters by their numbers in a preprocessor_config.json."""
@@ -42,7 +42,7 @@ MASK_SIZE = (384, 384)
 """Columns and rows to which transformers' post-processing of Mask2Former scales all masks."""
 PLACEHOLDER = re.compile(r"LABEL_\d+")
 """Placeholder of transformers for a class without a name."""
-NOTHING = {
+UNINFORMATIVE = {
     "car mount",
     "ego vehicle",
     "out of roi",
@@ -72,12 +72,14 @@ def _as_edges(size: Any) -> Any:
 
 
 Size = Annotated[dict[str, Annotated[int, Field(ge=1, le=1 << 16)]], BeforeValidator(_as_edges)]
-Channels = Annotated[
-    tuple[float, ...], length(1, 3), BeforeValidator(lambda each: [each] if isinstance(each, float) else each)
+ChannelValues = Annotated[
+    tuple[float, ...],
+    length(1, 3),
+    BeforeValidator(lambda value: [value] if isinstance(value, float) else value),
 ]
 
 
-class Config(_Lenient):
+class _Config(_Lenient):
     """config.json."""
 
     architectures: Annotated[tuple[str, ...], length(0)] | None = None
@@ -85,7 +87,7 @@ class Config(_Lenient):
     image_size: Size | None = None
 
 
-class Preprocessor(_Lenient):
+class _Preprocessor(_Lenient):
     """preprocessor_config.json. Null means absent."""
 
     do_resize: bool | None = None
@@ -101,8 +103,8 @@ class Preprocessor(_Lenient):
     do_rescale: bool | None = None
     rescale_factor: float | None = None
     do_normalize: bool | None = None
-    image_mean: Channels | None = None
-    image_std: Channels | None = None
+    image_mean: ChannelValues | None = None
+    image_std: ChannelValues | None = None
     do_flip_channel_order: bool | None = None
 
 
@@ -117,41 +119,41 @@ def read_sidecars(network: Network) -> tuple[ImageCard, Path] | None:
     """
     folder = network.path.parent
     folders = [folder, folder.parent] if folder.name == ONNX_FOLDER else [folder]
-    path = next((each / CONFIG for each in folders if (each / CONFIG).exists()), None)
+    path = next((candidate / CONFIG for candidate in folders if (candidate / CONFIG).exists()), None)
     if path is None:
         return None
     document = read_document(path)
     if not {"architectures", "id2label"} & set(document):
         return None
-    config = validate(Config, document, path)
+    config = validate(_Config, document, path)
     architecture = next(iter(config.architectures or ()), "")
     if not architecture.endswith((DENSE, *QUERIES)):
-        found = repr(architecture) if architecture else "none"
+        shown = repr(architecture) if architecture else "none"
         needed = "one for semantic segmentation, as 'SegformerForSemanticSegmentation'"
-        raise InputError(f"{path}: architectures: {mismatch(found, needed)}")
+        raise InputError(f"{path}: architectures: {mismatch(shown, needed)}")
     keys = {"layout": _layout(network)} | _classes(config, path) | _output(network, architecture)
     preprocessor = _preprocessor(path)
     if preprocessor is not None:
-        keys |= _numbers(preprocessor, architecture) | _size(preprocessor, architecture, network)
+        keys |= _normalisation(preprocessor, architecture) | _size(preprocessor, architecture, network)
         keys |= _masks(preprocessor, architecture)
         if preprocessor.resample is not None:
             keys["resample"] = RESAMPLES[preprocessor.resample]
     elif not _has_size(network) and config.image_size is not None:
-        keys |= _fit(config.image_size, Preprocessor(), architecture)
+        keys |= _fit(config.image_size, _Preprocessor(), architecture)
     return validate(ImageCard, {"semcal_image_model": 1, **keys}, path), path
 
 
-def _preprocessor(path: Path) -> Preprocessor | None:
+def _preprocessor(path: Path) -> _Preprocessor | None:
     """Read how transformers prepares images, from the files beside its config.json; None if none says."""
     beside, newer = path.with_name(PREPROCESSOR), path.with_name(PROCESSOR)
     if beside.exists():
-        return validate(Preprocessor, read_document(beside), beside)
-    if newer.exists() and isinstance(of_images := read_document(newer).get(OF_IMAGES), dict):
-        return validate(Preprocessor, of_images, newer)
+        return validate(_Preprocessor, read_document(beside), beside)
+    if newer.exists() and isinstance(keys := read_document(newer).get(IMAGE_PROCESSOR), dict):
+        return validate(_Preprocessor, keys, newer)
     return None
 
 
-def _classes(config: Config, path: Path) -> dict[str, Any]:
+def _classes(config: _Config, path: Path) -> dict[str, Any]:
     """Group ids by name, and ignore what a class table with these names ignores."""
     names: dict[int, str] = {}
     for key, name in (config.id2label or {}).items():
@@ -163,19 +165,22 @@ def _classes(config: Config, path: Path) -> dict[str, Any]:
     classes: dict[str, list[int]] = {}
     for value, name in sorted(names.items()):
         classes.setdefault(name, []).append(value)
-    return {"classes": classes, "ignore": _ignored({value: _plain(name) for value, name in names.items()})}
+    return {
+        "classes": classes,
+        "ignore": _ids_to_ignore({value: _normalised_name(name) for value, name in names.items()}),
+    }
 
 
-def _ignored(names: Mapping[int, str]) -> list[int]:
-    ignored = [value for value, name in names.items() if name in NOTHING]
+def _ids_to_ignore(names: Mapping[int, str]) -> list[int]:
+    ignored = [value for value, name in names.items() if name in UNINFORMATIVE]
     for table in map(read_ontology, ontology_names()):
-        known = {value: _plain(name) for name, ids in table.ids().items() for value in ids}
-        if known.items() <= names.items():
+        table_names = {value: _normalised_name(name) for name, ids in table.ids().items() for value in ids}
+        if table_names.items() <= names.items():
             return sorted({*ignored, *table.ignore})
     return ignored
 
 
-def _plain(name: str) -> str:
+def _normalised_name(name: str) -> str:
     return " ".join(re.split(r"[\s_-]+", name.strip().lower()))
 
 
@@ -196,27 +201,27 @@ def _output(network: Network, architecture: str) -> dict[str, Any]:
     return {"output": "logits", "kind": "logits"} if has_logits else {}
 
 
-def _numbers(found: Preprocessor, architecture: str) -> dict[str, Any]:
+def _normalisation(preprocessor: _Preprocessor, architecture: str) -> dict[str, Any]:
     """Read the scale, the mean, the standard deviation and the order of the colours."""
-    flips = found.do_flip_channel_order
+    flips = preprocessor.do_flip_channel_order
     keys: dict[str, Any] = {
         "color": "bgr" if (flips is None and "MobileViT" in architecture) or flips else "rgb"
     }
-    normalises = found.do_normalize is not False and "MobileViT" not in architecture
-    if normalises and (found.image_mean is None or found.image_std is None):
+    normalises = preprocessor.do_normalize is not False and "MobileViT" not in architecture
+    if normalises and (preprocessor.image_mean is None or preprocessor.image_std is None):
         return keys  # the rest is guessed, and the guess is printed
-    factor = 1.0 / 255.0 if found.rescale_factor is None else found.rescale_factor
-    keys["scale"] = 1.0 if found.do_rescale is False else factor
+    factor = 1.0 / 255.0 if preprocessor.rescale_factor is None else preprocessor.rescale_factor
+    keys["scale"] = 1.0 if preprocessor.do_rescale is False else factor
     if normalises:
-        keys |= {"mean": found.image_mean, "std": found.image_std}
+        keys |= {"mean": preprocessor.image_mean, "std": preprocessor.image_std}
     return keys
 
 
-def _masks(found: Preprocessor, architecture: str) -> dict[str, Any]:
+def _masks(preprocessor: _Preprocessor, architecture: str) -> dict[str, Any]:
     """Read the size to which transformers' post-processing scales the masks of queries, if it does."""
     if architecture.startswith("Mask2Former"):
         return {"mask_size": MASK_SIZE}
-    size = found.size or {}
+    size = preprocessor.size or {}
     if architecture.startswith("Eomt") and "shortest_edge" in size:
         return {"mask_size": [size.get("longest_edge", size["shortest_edge"]), size["shortest_edge"]]}
     return {}
@@ -227,11 +232,11 @@ def _has_size(network: Network) -> bool:
     return sum(size is not None and size > 4 for size in network.input.shape) >= 2
 
 
-def _size(found: Preprocessor, architecture: str, network: Network) -> dict[str, Any]:
+def _size(preprocessor: _Preprocessor, architecture: str, network: Network) -> dict[str, Any]:
     """Read how an image is brought to the network's size. A size that the network itself states counts."""
-    if found.do_resize is False:
+    if preprocessor.do_resize is False:
         return {}
-    keys = _fit(found.size or {}, found, architecture)
+    keys = _fit(preprocessor.size or {}, preprocessor, architecture)
     if not _has_size(network):
         return keys
     if keys.get("fit") == "tiles":
@@ -240,27 +245,27 @@ def _size(found: Preprocessor, architecture: str, network: Network) -> dict[str,
     return {"fit": "letterbox" if keeps_aspect else "stretch"}
 
 
-def _fit(size: Mapping[str, int], found: Preprocessor, architecture: str) -> dict[str, Any]:
+def _fit(size: Mapping[str, int], preprocessor: _Preprocessor, architecture: str) -> dict[str, Any]:
     """Express in the keys of a card how transformers resizes an image; crops are left out."""
     if "height" in size and "width" in size:
-        return _fit_by_sides(size["width"], size["height"], found)
-    side, longest = size.get("one"), found.max_size
-    if side is not None and not architecture.startswith(BY_EDGE):
-        return _fit_by_sides(side, side, found)
+        return _fit_by_sides(size["width"], size["height"], preprocessor)
+    side, longest = size.get("one"), preprocessor.max_size
+    if side is not None and not architecture.startswith(BY_SHORTER_SIDE):
+        return _fit_by_sides(side, side, preprocessor)
     side, longest = size.get("shortest_edge", side), size.get("longest_edge", longest)
     if side is None:
         return {}
-    if found.do_split_image:
+    if preprocessor.do_split_image:
         return {"size": [side, side], "fit": "tiles", "short_side": side, "overlap": 0.0}
-    if found.do_pad and side == longest and not architecture.startswith(BY_EDGE):
+    if preprocessor.do_pad and side == longest and not architecture.startswith(BY_SHORTER_SIDE):
         return {"size": [side, side], "fit": "letterbox"}
     return {"short_side": side} | ({} if longest is None else {"long_side": longest})
 
 
-def _fit_by_sides(width: int, height: int, found: Preprocessor) -> dict[str, Any]:
+def _fit_by_sides(width: int, height: int, preprocessor: _Preprocessor) -> dict[str, Any]:
     """Express in the keys of a card a resize to a width and a height, or near them, as DPT's."""
-    multiple = found.ensure_multiple_of or 1
-    if found.keep_aspect_ratio:
+    multiple = preprocessor.ensure_multiple_of or 1
+    if preprocessor.keep_aspect_ratio:
         return {"size": [width, height], "fit": "aspect", "multiple": multiple}
     columns, rows = (max(round(side / multiple), 1) * multiple for side in (width, height))
     return {"size": [columns, rows], "fit": "stretch"}

@@ -33,14 +33,14 @@ NO_ID = int(core.NO_ID)
 """Id of pixels and points without a label."""
 NO_BYTE = 255
 """The same in 8-bit label images."""
-RARE = ("constants", "mask_size", "multiple", "overlap", "resample")
+OPTIONAL_KEYS = ("constants", "mask_size", "multiple", "overlap", "resample")
 """Keys of a card on which labels depend, and which a record holds only if they are not the default."""
-Classes: TypeAlias = Mapping[str, tuple[int, ...]]
+ClassIds: TypeAlias = Mapping[str, tuple[int, ...]]
 """Ids of each name; empty without names."""
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class LabelSide:
     """Image labels or point labels, as files of a drive."""
 
     key: Literal["image_labels", "point_labels"]
@@ -49,7 +49,7 @@ class Side:
     """Key of the file that is labelled."""
     suffix: str
     """Suffix of label files."""
-    classes: Classes
+    classes: ClassIds
     ignore: tuple[int, ...]
     """Ids that carry no information."""
     settings: Mapping[str, object]
@@ -67,13 +67,13 @@ class Side:
     """Network that makes the labels; None without one."""
 
 
-def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> Side:
+def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> LabelSide:
     """Make the side of image labels, as ids or as class probabilities, from a network.
 
     Raises:
         InputError: the model cannot be read.
     """
-    model, network = labeller.model, _record(labeller.model)
+    model, network = labeller.model, _network_record(labeller.model)
     card = model.card
     settings = {
         "model": network.sha256,
@@ -87,13 +87,13 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> S
         "align_corners": card.align_corners,
         **{
             key: getattr(card, key)
-            for key in RARE
+            for key in OPTIONAL_KEYS
             if getattr(card, key) != ImageCard.model_fields[key].default
         },
         "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
         "probabilities": has_probabilities,
     }
-    named = {value for ids in model.classes.values() for value in ids}
+    named_ids = {value for ids in model.classes.values() for value in ids}
     ignored = dict.fromkeys((*model.ignore, NO_BYTE, NO_ID))
 
     def label(drive: Drive, frame: Frame) -> bytes:
@@ -101,9 +101,9 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> S
         image = read_image(path, drive.camera.size)
         with about(path):
             if has_probabilities:
-                return _archive(labeller.shares(image))
+                return _probability_archive(labeller.shares(image))
             ids = labeller.ids(image)
-        is_small = NO_BYTE not in named and ids[ids != NO_ID].max(initial=0) < NO_BYTE
+        is_small = NO_BYTE not in named_ids and ids[ids != NO_ID].max(initial=0) < NO_BYTE
         if is_small:
             ids = np.where(ids == NO_ID, NO_BYTE, ids).astype(np.uint8)
         return bytes(cv2.imencode(".png", ids)[1].tobytes())
@@ -119,12 +119,12 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> S
             return False
         return True
 
-    return Side(
+    return LabelSide(
         key="image_labels",
         source="image",
         suffix=".npz" if has_probabilities else ".png",
         classes=model.classes,
-        ignore=tuple(value for value in ignored if value not in named),
+        ignore=tuple(value for value in ignored if value not in named_ids),
         settings=settings,
         label=label,
         is_whole=is_whole,
@@ -133,13 +133,13 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> S
     )
 
 
-def sweep_side(labeller: SweepLabeller | CloudLabeller) -> Side:
+def sweep_side(labeller: SweepLabeller | CloudLabeller) -> LabelSide:
     """Make the side of point labels from a network.
 
     Raises:
         InputError: the model cannot be read.
     """
-    model, network = labeller.model, _record(labeller.model)
+    model, network = labeller.model, _network_record(labeller.model)
     settings = {
         "model": network.sha256,
         "card": model.card.model_dump(mode="json", exclude={"classes", "ignore", "licence"}),
@@ -149,7 +149,7 @@ def sweep_side(labeller: SweepLabeller | CloudLabeller) -> Side:
     return replace(side, network=network)
 
 
-def segment_side() -> Side:
+def segment_side() -> LabelSide:
     """Make the side of geometric segments as point labels."""
     classes = {name: (value,) for name, value in KIND_IDS.items()}
     return _point_side(
@@ -158,13 +158,13 @@ def segment_side() -> Side:
 
 
 def _point_side(
-    classes: Classes,
+    classes: ClassIds,
     ignore: tuple[int, ...],
     settings: Mapping[str, object],
     label_points: Callable[[Cloud], npt.NDArray[Any]],
     *,
     no_return: int,
-) -> Side:
+) -> LabelSide:
     """Make a side of point labels.
 
     Args:
@@ -176,8 +176,8 @@ def _point_side(
     """
 
     def label(drive: Drive, frame: Frame) -> bytes:
-        alone = drive.model_copy(update={"frames": (frame.model_copy(update={"point_labels": None}),)})
-        (cloud,) = read_clouds(alone)
+        single_frame = drive.model_copy(update={"frames": (frame.model_copy(update={"point_labels": None}),)})
+        (cloud,) = read_clouds(single_frame)
         labels = np.full(len(cloud.is_return), no_return, "<u4")
         with about(drive.resolve(frame.points)):
             labels[cloud.is_return] = label_points(cloud)
@@ -187,10 +187,10 @@ def _point_side(
         # The file is written completely or not at all.
         return path.exists() and path.stat().st_size > 0 and path.stat().st_size % 4 == 0
 
-    return Side("point_labels", "points", ".label", classes, ignore, settings, label, is_whole)
+    return LabelSide("point_labels", "points", ".label", classes, ignore, settings, label, is_whole)
 
 
-def _record(model: Model[Any]) -> LabelNetwork:
+def _network_record(model: Model[Any]) -> LabelNetwork:
     """Describe a network as drives and results record it."""
     path = model.network.path
     return LabelNetwork(name=hub_name(path) or path.name, sha256=hash_model(path), licence=model.licence)
@@ -208,7 +208,7 @@ def hash_model(path: Path) -> dict[str, str]:
     return {"model": hashlib.sha256(content).hexdigest(), **weights}
 
 
-def _archive(shares: npt.NDArray[np.uint8]) -> bytes:
+def _probability_archive(shares: npt.NDArray[np.uint8]) -> bytes:
     """Write probabilities (H, W, C) in 1/255 as the `.npz` that a calibration reads."""
     array, archive = io.BytesIO(), io.BytesIO()
     np.lib.format.write_array(array, shares, allow_pickle=False)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.files.array_forms import Cloud
 from semcal_cli.labelling.card import CloudCard, NeighborsConfig, PointCard
-from semcal_cli.labelling.cloud_labeller import CloudLabeller, values_of
+from semcal_cli.labelling.cloud_labeller import CloudLabeller, channel_values
 from semcal_cli.labelling.model import Model, card_of, cloud_model, point_model
 from semcal_cli.labelling.onnx_network import Network
 from semcal_cli.observations.cues.segments import SegmentationConfig
@@ -51,7 +51,7 @@ class SweepLabeller:
         """
         card = self.model.card
         network = self.model.network
-        rings = values_of(cloud, "ring", self.model) if card.row_by == "ring" else None
+        rings = channel_values(cloud, "ring", self.model) if card.row_by == "ring" else None
         projection = self.view.project(cloud.points, rings)
         tensor = self.tensor(cloud, projection.points)
         (output,) = network.run({network.input.name: tensor}, self.model.outputs).values()
@@ -69,7 +69,7 @@ class SweepLabeller:
             if channel == "mask":
                 plane[:] = is_filled
                 continue
-            values = values_of(cloud, channel, self.model)[points[is_filled]]
+            values = channel_values(cloud, channel, self.model)[points[is_filled]]
             plane[is_filled] = (values - mean) / std
         return planes.reshape(1, len(planes), card.rows, card.columns)
 
@@ -81,7 +81,7 @@ class SweepLabeller:
                 raise network.unfit("a score that is not finite", "finite ones")
             return np.asarray(output[0].argmax(axis=0).ravel(), np.uint16)
         is_whole = np.issubdtype(output.dtype, np.integer)
-        if is_whole and tuple(each for each in output.shape if each != 1) == size:
+        if is_whole and tuple(side for side in output.shape if side != 1) == size:
             return network.as_ids(output).ravel()
         needed = f"1 x classes x {size[0]} x {size[1]}, or ids as whole numbers"
         raise network.unfit(f"output {output.shape} of {output.dtype}", needed)

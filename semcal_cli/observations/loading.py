@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, CueName, check_config
+from semcal_cli.config import (
+    AUTO,
+    LABELS,
+    MAX_FRAMES,
+    CalibrationConfig,
+    CueName,
+    RefinementConfig,
+    check_config,
+)
 from semcal_cli.drive.camera import Camera, stating
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
@@ -57,6 +65,16 @@ class LoadedDrive:
             return self
         drive = self.drive.model_copy(update={"camera": camera})
         return replace(self, drive=drive, observations=replace(self.observations, camera=camera))
+
+    def with_settings(self, config: RefinementConfig) -> LoadedDrive:
+        """Use the maximum baseline and the edge band of these settings."""
+
+        def with_both(seen: Observations) -> Observations:
+            other = replace(seen, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
+            return seen if other.shared_settings == seen.shared_settings else other
+
+        guide = None if self.guide is None else with_both(self.guide)
+        return replace(self, observations=with_both(self.observations), guide=guide)
 
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
         """Move the points as a rolling shutter sees them at a pose (4, 4): see `motion`."""
@@ -147,7 +165,9 @@ def load(
             raise InputError(
                 f"{drive.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
             )
-        return drive.with_camera(stating(drive.drive.camera, config.refinement.jointly))
+        return drive.with_camera(stating(drive.drive.camera, config.refinement.jointly)).with_settings(
+            config.refinement
+        )
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
     whole = whole.model_copy(update={"camera": stating(whole.camera, config.refinement.jointly)})
     on_event(Progress(f"choosing from {len(whole.frames)} frames"))
@@ -159,6 +179,7 @@ def load(
     observations = load_cues(used, refined_by, sweeps, is_raw=config.is_raw).with_scenes
     guide = None if refined_by == cues else load_cues(used, ("segments",), sweeps)
     data = LoadedDrive(used, observations, cues, guide, config.max_frames, recorded=whole)
+    data = data.with_settings(config.refinement)
     # Copies of frames add no evidence.
     seen = data.first_cue
     if copies := set(copied_frames(seen.scenes, [image.classes for image in seen.images])):

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.config import StartsConfig
+from semcal_cli.config import EDGE_BAND_PX, MAX_BASELINE_M, StartsConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Lidar
 from semcal_cli.observations.scenes import alike_frames, ranges_of
@@ -107,7 +107,10 @@ class FrameObservation:
 
 @dataclass(frozen=True)
 class Observations:
-    """Points and label images of all frames by each cue, with the names of their classes and the camera."""
+    """Points and label images of all frames by each cue, with the names of their classes and the camera.
+
+    The settings that hold for every solver and every check, `max_baseline_m` and `edge_band_px`, are part of them.
+    """
 
     camera: Camera
     lidar: Lidar | None
@@ -130,6 +133,10 @@ class Observations:
     known_scenes: Sequence[int] | None = None
     """Number of the scene that each frame shows, kept when clouds are moved or frames are chosen; None if frames have
     not been compared yet."""
+    max_baseline_m: float = MAX_BASELINE_M
+    """Maximum distance between camera and LiDAR, at which poses are held."""
+    edge_band_px: int = EDGE_BAND_PX
+    """Pixels closer than this to another class count a tenth."""
 
     @property
     def num_frames(self) -> int:
@@ -175,6 +182,16 @@ class Observations:
     def of_classes(self) -> Observations:
         """The same without segments: with the classes of points, which all frames share."""
         return replace(self, by_classes=True) if self.has_segments else self
+
+    @cached_property
+    def without_edge_band(self) -> Observations:
+        """The same without an edge band, for coarse blocks, most of which are near another class."""
+        return replace(self, edge_band_px=0) if self.edge_band_px else self
+
+    @property
+    def shared_settings(self) -> dict[str, object]:
+        """Settings of every solver, as a result records them."""
+        return {"max_baseline_m": self.max_baseline_m, "edge_band_px": self.edge_band_px}
 
     def of_frames(self, indices: Iterable[int]) -> Observations:
         """Observations of some of the frames, by each cue."""
@@ -234,5 +251,7 @@ class Observations:
             [(each.cloud.core, each.image.core, each.weight) for each in self.frame_observations],
             len(self.point_class_names),
             len(self.image_class_names),
+            self.max_baseline_m,
+            self.edge_band_px,
             self.by_classes,
         )

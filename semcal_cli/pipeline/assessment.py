@@ -9,50 +9,45 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli.checks.camera_motion import check_camera_motion
-from semcal_cli.checks.consistency import check_consistency
-from semcal_cli.checks.disagreement import check_frames
-from semcal_cli.checks.label_alignment import check_label_alignment, check_leaks
-from semcal_cli.checks.pairing import check_pairs
-from semcal_cli.checks.rivals import check_guide, check_rivals
+from semcal_cli.checks.cues_disagree import check_guide
+from semcal_cli.checks.families import check_consistency, check_uncertainty
+from semcal_cli.checks.few_scenes import check_scenes
+from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
+from semcal_cli.checks.leaked_labels import check_leaks
+from semcal_cli.checks.moved_camera import check_frames
+from semcal_cli.checks.odd_frames import check_pairs
+from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.checks.scale import check_scale
+from semcal_cli.checks.shifted_labels import check_label_alignment
+from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import OF_K, sigma_of
 from semcal_cli.errors import counted
-from semcal_cli.estimation.adjust.clock import KNOW_MOTION, UnknownClock, notes_on_clock
+from semcal_cli.estimation.adjust.clock import KNOW_MOTION, ClockUncertainty, notes_on_clock
 from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
 from semcal_cli.estimation.uncertainty.covariance import (
     estimate_uncertainty,
     label_bleed,
-    undetermined,
     with_others,
 )
 from semcal_cli.estimation.uncertainty.intrinsics import (
     around_intrinsics,
     covariance_of_intrinsics,
     intrinsics_cost,
-    notes_on_intrinsics,
     shift_by,
-    wrong_intrinsics,
 )
 from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.findings.check import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER, Measured
-from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.findings.check import Measured
+from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
 
-NOTHING = NOT_DETERMINED.finding(
-    "points and images do not determine the pose, since moving the camera in some direction does not reduce their "
-    "agreement"
-)
-TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and priors together do not determine the pose")
-KNOW_K = "give a smaller --intrinsics-sigma if K is known better"
+ADVICE_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
-MIN_SCENES = FEW_SCENES.limit()
-"""Least number of scenes from which edges are trusted, and labels have a single top."""
 
 
 def assess(
@@ -67,7 +62,7 @@ def assess(
 
     With several cues, rivals are searched for by all of them, and the other checks use `LoadedDrive.for_checks`.
 
-    A pose whose polish was rejected is not at a top: it gets no uncertainty, but is checked. A pose that was not
+    A pose whose polish was rejected is not at a maximum: it gets no uncertainty, but is checked. A pose that was not
     polished is returned unchanged.
     """
     if stages.fused is None and stages.polished is None:
@@ -75,22 +70,47 @@ def assess(
     on_event(Progress("assessing"))
     start = perf_counter()
     seen, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
-    answer = _Answer(seen, stages, config.polish, UnknownClock.of(seen, T, config.polish))
+    pose = _AssessedPose(seen, stages, config.polish, ClockUncertainty.of(seen, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(seen.for_checks, T, with_clock=answer.tells_clock)
-        found = _compare_frames(answer).with_measured(*measured)
+        measured = check_consistency(seen.for_checks, T, with_clock=pose.tells_clock)
+        assessment = _compare_frames(pose).with_measured(*measured)
     else:
-        found = _judge(answer, with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"})
+        can_bleed = with_label_bleed and {*data.cues} <= {"labels", "segments"}
+        assessment = _judge(pose, with_label_bleed=can_bleed)
     if data.guide is not None and data.is_refined_by_edges:
-        found = found.with_measured(check_guide(data.guide, T, stages.initial.T_camera_lidar))
-    stages = replace(stages, assessment=found)
+        assessment = assessment.with_measured(check_guide(data.guide, T, stages.initial.T_camera_lidar))
+    stages = replace(stages, assessment=assessment)
     doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))
     return stages
 
 
 @dataclass(frozen=True)
-class _Answer:
+class ErrorBudget:
+    """Parts of the covariance (6, 6) of a pose by what more frames do not show; None for a part that there is not."""
+
+    intrinsics: Matrix | None
+    """By errors of the intrinsics that no estimate replaces."""
+    clock: Matrix | None
+    """By a clock that is not checked."""
+    motion: Matrix | None
+    """By errors of the motion."""
+    left_open: Matrix | None
+    """By intrinsics and the clock that a joint estimate leaves as they are."""
+
+    @property
+    def clock_and_motion(self) -> Matrix | None:
+        """The part by the clock and the motion together."""
+        return sum_of(self.clock, self.motion)
+
+    @property
+    def total(self) -> Matrix | None:
+        """All parts together."""
+        return sum_of(sum_of(self.intrinsics, self.clock_and_motion), self.left_open)
+
+
+@dataclass(frozen=True)
+class _AssessedPose:
     """The pose to assess, its origin, and the intrinsics and the clock that stay as the drive states them.
 
     Where these are wrong, they move the pose.
@@ -100,7 +120,7 @@ class _Answer:
     """The drive, as seen by the camera that the pose belongs to."""
     stages: Stages
     config: PolishConfig
-    clock: UnknownClock | None
+    clock: ClockUncertainty | None
     """What the frames show of the clock at the pose; None without a motion."""
 
     @property
@@ -132,127 +152,116 @@ class _Answer:
         shift = shift_by(self.around)
         return shift if shift is None or self.label_gain is None else self.label_gain @ shift
 
-    @property
-    def of_stated(self) -> Matrix | None:
-        """(6, 6) covariance of the pose from errors of the intrinsics that no estimate replaces; None if unknown."""
+    @cached_property
+    def budget(self) -> ErrorBudget:
+        """Parts of the covariance of the pose by the intrinsics, the clock and the motion."""
+        joint, fused, clock = self.stages.joint, self.stages.fused, self.clock
+        return ErrorBudget(
+            intrinsics=self._covariance_of_intrinsics() if fused is None else fused.of_intrinsics,
+            clock=None if clock is None or self.is_clock_estimated else clock.covariance(self.label_gain),
+            motion=self._covariance_of_motion(),
+            left_open=None if joint is None else joint.left_open,
+        )
+
+    def _covariance_of_intrinsics(self) -> Matrix | None:
         camera, joint = self.data.observations.camera, self.stages.joint
         if joint is not None and joint.camera is not None:
-            # An estimate states the errors of the intrinsics that it found.
-            found = {name: 0.0 for name in joint.camera.intrinsics if name in OF_K}
-            stated = sigma_of(camera).model_copy(update=found)
+            # An estimate states the errors of the intrinsics that it has.
+            exact = {name: 0.0 for name in joint.camera.intrinsics if name in OF_K}
+            stated = sigma_of(camera).model_copy(update=exact)
             camera = camera.model_copy(update={"intrinsics_sigma": stated})
         return covariance_of_intrinsics(self.shift, camera)
 
-    @property
-    def of_intrinsics(self) -> Matrix | None:
-        """(6, 6) part of the covariance of the pose from errors of the intrinsics; None if there is none."""
-        fused = self.stages.fused
-        return self.of_stated if fused is None else fused.of_intrinsics
-
-    @property
-    def of_clock(self) -> Matrix | None:
-        """(6, 6) covariance of the pose from a clock that is not checked; None if it has no effect."""
-        if self.clock is None or self.is_clock_estimated:
-            return None
-        return self.clock.covariance(self.label_gain)
-
-    @property
-    def of_poses(self) -> Matrix | None:
-        """(6, 6) covariance of the pose by errors of the motion; None if the drive takes it as right."""
-        joint = self.stages.joint
-        later_s = 0.0
+    def _covariance_of_motion(self) -> Matrix | None:
+        joint, later_s = self.stages.joint, 0.0
         if joint is not None and joint.is_kept and joint.clock is not None:
             later_s = joint.clock.time_offset_s - self.data.drive.time_offset_s
         return covariance_of_motion(self.data, self.stages.T_camera_lidar, self.label_gain, later_s)
 
-    @property
-    def of_motion(self) -> Matrix | None:
-        """(6, 6) covariance of the pose by the clock and by the motion; None if both cost nothing."""
-        return sum_of(self.of_clock, self.of_poses)
 
-
-def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
-    """Estimate the uncertainty of a top of the mutual information, and run all checks."""
-    data, T, with_priors = answer.data, answer.stages.T_camera_lidar, answer.stages.fused is not None
-    checked, camera = data.for_checks, data.observations.camera
-    cost = None if answer.shift is None else intrinsics_cost(answer.shift, camera)
-    around = answer.around if checked is data.observations else around_intrinsics(checked, T)
+def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
+    """Estimate the uncertainty of a maximum of the mutual information, and run all checks."""
+    data, T, with_priors = pose.data, pose.stages.T_camera_lidar, pose.stages.fused is not None
+    checked, camera, budget = data.for_checks, data.observations.camera, pose.budget
+    cost = None if pose.shift is None else intrinsics_cost(pose.shift, camera)
+    around = pose.around if checked is data.observations else around_intrinsics(checked, T)
     # While one check runs Python code, the core works on another one.
     with thread_pool() as pool:
-        of_frames = pool.submit(_compare_frames, answer)
-        of_consistency = pool.submit(check_consistency, checked, T, with_clock=answer.tells_clock)
+        of_frames = pool.submit(_compare_frames, pose)
+        of_consistency = pool.submit(check_consistency, checked, T, with_clock=pose.tells_clock)
         of_scale = pool.submit(check_scale, checked)
-        of_pose = pool.submit(_uncertainty, answer, with_label_bleed=with_label_bleed)
+        of_pose = pool.submit(_uncertainty, pose, with_label_bleed=with_label_bleed)
         frames, uncertainty = of_frames.result(), of_pose.result()
-        found = frames.with_measured(
+        assessment = frames.with_measured(
             *of_consistency.result(),
-            *_rivals(data, T, uncertainty, with_priors=with_priors),
-            *wrong_intrinsics(around, camera, checked.num_cues * len(set(checked.scenes))),
+            *check_rivals(data.observations, T, uncertainty, with_priors=with_priors),
+            *check_intrinsics(around, camera, checked.num_cues * len(set(checked.scenes))),
         )
         notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
     if uncertainty is None:
-        none = TOGETHER if with_priors else NOTHING
-        return replace(found, findings=(none, *found.findings), notes=notes)
-    uncertainty = uncertainty.model_copy(update={"intrinsics_cost": cost})
-    findings = (*found.findings, *undetermined(uncertainty, _advice(answer, uncertainty)))
-    return replace(found, uncertainty=uncertainty, findings=findings, notes=notes, of_motion=answer.of_motion)
+        undetermined = check_uncertainty(None, with_priors=with_priors)
+        return replace(assessment, findings=(*undetermined, *assessment.findings), notes=notes)
+    wide = check_uncertainty(uncertainty, advice=_advice(pose, uncertainty))
+    return replace(
+        assessment,
+        uncertainty=uncertainty.model_copy(update={"intrinsics_cost": cost}),
+        findings=(*assessment.findings, *wide),
+        notes=notes,
+        of_motion=budget.clock_and_motion,
+    )
 
 
-def _uncertainty(answer: _Answer, *, with_label_bleed: bool) -> Uncertainty | None:
+def _uncertainty(pose: _AssessedPose, *, with_label_bleed: bool) -> Uncertainty | None:
     """Estimate the uncertainty of the pose, or take that of the estimate with priors, intrinsics or the clock."""
-    observations, T = answer.data.observations, answer.stages.T_camera_lidar
-    fused, joint, config = answer.stages.fused, answer.stages.joint, answer.config
-    of_others = sum_of(answer.of_stated, answer.of_motion)
-    if joint is not None:
-        of_others = sum_of(of_others, joint.left_open)
+    observations, T = pose.data.observations, pose.stages.T_camera_lidar
+    fused, joint, config, budget = pose.stages.fused, pose.stages.joint, pose.config, pose.budget
     if joint is not None and joint.uncertainty is not None:
-        found: Uncertainty | None = with_others(joint.uncertainty, T, of_others)
+        uncertainty: Uncertainty | None = with_others(joint.uncertainty, T, budget.total)
     elif fused is not None:
-        found = fused.uncertainty
+        uncertainty = fused.uncertainty
     else:
-        found = estimate_uncertainty(observations, T, edge_band_px=config.edge_band_px, of_others=of_others)
-    if found is None:
+        uncertainty = estimate_uncertainty(observations, T, of_others=budget.total)
+    if uncertainty is None:
         return None
-    of_K = answer.of_intrinsics
+    of_K = budget.intrinsics
     parts = {
-        "label_bleed": label_bleed(observations, T, config, answer.label_gain) if with_label_bleed else None,
+        "label_bleed": label_bleed(observations, T, config, pose.label_gain) if with_label_bleed else None,
         "covariance_of_intrinsics": None if of_K is None else tuple(map(tuple, of_K.tolist())),
     }
-    return found.model_copy(update=parts)
+    return uncertainty.model_copy(update=parts)
 
 
-def _advice(answer: _Answer, found: Uncertainty) -> str | None:
+def _advice(pose: _AssessedPose, uncertainty: Uncertainty) -> str | None:
     """Say what to do where only unknowns besides the pose make an interval too wide; None for other intervals."""
-    joint = answer.stages.joint
+    joint, budget = pose.stages.joint, pose.budget
 
     def is_narrow_without(part: Matrix | None) -> bool:
         if part is None:
             return False
         # Half widths need only the variances.
-        variances = np.maximum(np.diag(found.covariance) - np.diag(part), 0.0)
-        freedom = np.array(found.degrees_of_freedom)
-        alone = Uncertainty.from_covariance(answer.stages.T_camera_lidar, np.diag(variances), freedom)
-        return not undetermined(alone)
+        variances = np.maximum(np.diag(uncertainty.covariance) - np.diag(part), 0.0)
+        freedom = np.array(uncertainty.degrees_of_freedom)
+        alone = Uncertainty.from_covariance(pose.stages.T_camera_lidar, np.diag(variances), freedom)
+        return not check_uncertainty(alone)
 
-    if joint is not None and is_narrow_without(joint.left_open):
+    if joint is not None and is_narrow_without(budget.left_open):
         return joint.advice
-    if is_narrow_without(answer.of_clock):
+    if is_narrow_without(budget.clock):
         return KNOW_MOTION
-    if is_narrow_without(answer.of_poses):
+    if is_narrow_without(budget.motion):
         return KNOW_POSES
-    return KNOW_K if is_narrow_without(answer.of_intrinsics) else None
+    return ADVICE_K if is_narrow_without(budget.intrinsics) else None
 
 
-def _compare_frames(answer: _Answer) -> Assessment:
+def _compare_frames(pose: _AssessedPose) -> Assessment:
     """Look for findings about single frames and labels, and say what could not be checked."""
-    data, T, frames = answer.data, answer.stages.T_camera_lidar, answer.data.drive.frames
+    data, T, frames = pose.data, pose.stages.T_camera_lidar, pose.data.drive.frames
     observations, names = data.for_checks, [frame.points for frame in frames]
     check = check_frames(observations, T, names)
-    measured = [*check.measured, *check_pairs(observations, T, answer.stages.last.agreement, names)]
+    measured = [*check.measured, *check_pairs(observations, T, pose.stages.last.agreement, names)]
     num_scenes = len(set(observations.scenes))
     if data.is_refined_by_edges:
-        compared = f"edges were compared in {counted(num_scenes, 'scene')}"
-        measured.append(FEW_SCENES.measured(num_scenes, f"{compared}, needed at least {MIN_SCENES}"))
+        measured.append(check_scenes(num_scenes))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
         same = "the others show the same scenes"
@@ -262,8 +271,8 @@ def _compare_frames(answer: _Answer) -> Assessment:
             f"the {observations.num_frames} frames count as {counted(num_scenes, 'frame')}, because {same}: add frames "
             "recorded while driving"
         )
-    if not answer.is_clock_estimated:
-        notes += notes_on_clock(data, answer.clock)
+    if not pose.is_clock_estimated:
+        notes += notes_on_clock(data, pose.clock)
     has_labels = any(frame.image_labels is not None for frame in frames)
     if has_labels and all(frame.image is None for frame in frames):
         notes.append("labels were not checked against images: the drive has no images")
@@ -274,16 +283,6 @@ def _compare_frames(answer: _Answer) -> Assessment:
         measured += aligned.measured
         notes += aligned.notes
     return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured)
-
-
-def _rivals(
-    data: LoadedDrive, T_camera_lidar: Pose, found: Uncertainty | None, *, with_priors: bool
-) -> tuple[Measured, ...]:
-    """Look for rivals, except with labels of enough scenes, which have one top, or priors, which exclude them."""
-    observations = data.observations
-    if observations.starts is None and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
-        return ()
-    return check_rivals(observations, T_camera_lidar, found)
 
 
 def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignore) -> Stages:

@@ -16,7 +16,8 @@ from time import perf_counter
 from pydantic_core import to_jsonable_python
 
 from semcal_cli import core
-from semcal_cli.checks.pose_checks import compare_seeds
+from semcal_cli.checks.other_mounting import check_mountings, describe_mountings
+from semcal_cli.checks.seeds import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,
     LABELS,
@@ -27,7 +28,7 @@ from semcal_cli.config import (
 )
 from semcal_cli.drive.camera import check_intrinsics
 from semcal_cli.errors import CalibrationError, InputError, about
-from semcal_cli.estimation.adjust.clock import UnknownClock
+from semcal_cli.estimation.adjust.clock import ClockUncertainty
 from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
 from semcal_cli.estimation.refine.estimators import make_estimator
@@ -135,7 +136,12 @@ def initialize(
     if initial_pose is not None:
         doing = f"{'searching around' if is_searched else 'starting at'} {initial_pose.name}"
     with about(data.drive.path):
-        return announced("initial", doing, search, on_event)
+        return announced("initial", doing, lambda: _described(search()), on_event)
+
+
+def _described(search: Initialization) -> Initialization:
+    """Describe in a note what a search compared, unless its pose was given."""
+    return search if search.note else replace(search, note=describe_mountings(search))
 
 
 def start_at(data: LoadedDrive, initial_pose: InitialPose, on_event: Listener = ignore) -> StageResult:
@@ -179,17 +185,24 @@ def refine_and_polish(
     refine_from = partial(refine, config=config, seed=seed, priors=priors)
     T_initial = initial.T_camera_lidar
     refined = refine_from(data, T_initial, on_event=on_event, from_afar=from_afar, candidates=candidates)
-    if data.observations.starts is not None and isinstance(initial, Initialization) and initial.findings:
-        initial, refined = resolve_mountings(
-            data, initial, refined, partial(refine_from, data), config.max_baseline_m, seed, on_event
+    of_search = check_mountings(initial) if isinstance(initial, Initialization) else ()
+    if data.observations.starts is not None and isinstance(initial, Initialization) and of_search:
+        initial, refined, is_clear = resolve_mountings(
+            data, initial, refined, partial(refine_from, data), seed, on_event
         )
+        of_search = () if is_clear else of_search
     seen = data.unrolled(refined.T_camera_lidar)
     if seen is not data:
         refined = refine_from(seen, refined.T_camera_lidar, on_event=on_event)
         # A point may lie on another row at the new pose.
         seen = data.unrolled(refined.T_camera_lidar)
     stages = Stages.from_refined(
-        data, initial, refined, is_compensated=True, max_baseline_m=config.max_baseline_m
+        data,
+        initial,
+        refined,
+        is_compensated=True,
+        max_baseline_m=data.observations.max_baseline_m,
+        of_search=of_search,
     )
     stages = replace(stages, unrolled=None if seen is data else seen.observations)
     return _finish(seen, stages, config, priors, on_event)
@@ -308,14 +321,13 @@ def fuse(
     on_event: Listener = ignore,
 ) -> Fused:
     """Fuse the estimate from the data with priors."""
-    clock = UnknownClock.of(data, T_polished, config.polish)
+    clock = ClockUncertainty.of(data, T_polished, config.polish)
     of_clock = None if clock is None else clock.covariance()
     stage = partial(
         fuse_with_priors,
         data.observations,
         T_polished,
         priors,
-        edge_band_px=config.edge_band_px,
         of_motion=sum_of(of_clock, covariance_of_motion(data, T_polished)),
     )
     return announced("fused", "combining with priors", stage, on_event, T_polished)

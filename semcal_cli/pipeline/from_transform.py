@@ -58,11 +58,10 @@ def assess_given(
     initial, refinement, T = start_at(data, given, on_event), config.refinement, given.T_camera_lidar
     seen = data.unrolled(T)
     begun = Stages.from_refined(
-        data, initial, initial, is_compensated=True, max_baseline_m=refinement.max_baseline_m
+        data, initial, None, is_compensated=True, max_baseline_m=data.observations.max_baseline_m
     )
     stages = replace(
         begun,
-        refined=None,
         polished=polish(seen, T, refinement, on_event),
         unrolled=None if seen is data else seen.observations,
     )

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 
-from semcal_cli.checks.rivals import sigmas_behind
+from semcal_cli.checks.few_scenes import check_scenes
+from semcal_cli.checks.other_mounting import is_rival
+from semcal_cli.checks.other_pose import OTHER_POSE
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
-from semcal_cli.estimation.search.mounting_search import Initialization, is_rival, with_best
+from semcal_cli.estimation.search.mounting_search import Initialization, with_best
+from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.events import Listener, Progress
-from semcal_cli.findings.check import FEW_SCENES, OTHER_POSE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 
@@ -24,10 +25,9 @@ def resolve_mountings(
     initial: Initialization,
     refined: Refinement,
     refine: Callable[[Pose], Refinement],
-    max_baseline_m: float,
     seed: int,
     on_event: Listener,
-) -> tuple[Initialization, Refinement]:
+) -> tuple[Initialization, Refinement, bool]:
     """Decide between mountings that ground and objects alone cannot distinguish, by the cues that refine poses.
 
     The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
@@ -38,29 +38,30 @@ def resolve_mountings(
         initial: The hypotheses of the search.
         refined: The best of them, refined.
         refine: Refines another one from its pose (4, 4).
-        max_baseline_m: Largest distance between camera and LiDAR.
         seed: Seed of the starts.
         on_event: Called with what is compared.
 
     Returns:
-        The search with the mounting that is taken as its best, and that one refined.
+        The search with the mounting that is taken as its best, that one refined, and whether it is clear.
     """
     observations, starts = data.observations, data.observations.starts
     assert starts is not None
-    if not data.is_refined_by_edges and len(set(observations.scenes)) < FEW_SCENES.limit():
+    if not data.is_refined_by_edges and check_scenes(len(set(observations.scenes))).findings:
         # Segments of few scenes make no mounting clear, and take minutes for that.
-        return initial, refined
+        return initial, refined, False
     best = taken = initial.hypotheses[0]
     rivals = [
         other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
-    is_clear, least, polish = bool(rivals), OTHER_POSE.limit(), PolishConfig(max_baseline_m=max_baseline_m)
+    is_clear, least = bool(rivals), OTHER_POSE.limit()
     for rival in rivals:
         on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
         # A mounting in which sweeps and images do not overlap is none.
         with suppress(CalibrationError):
-            several = SeveralStarts(observations, ExactConfig(max_baseline_m=max_baseline_m), seed, starts)
-            T_coarse = newton(observations, several.coarse_top(rival.T_camera_lidar), polish).T_camera_lidar
+            several = SeveralStarts(observations, ExactConfig(), seed, starts)
+            T_coarse = newton(
+                observations, several.coarse_top(rival.T_camera_lidar), PolishConfig()
+            ).T_camera_lidar
             if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
                 continue
             of_rival = refine(rival.T_camera_lidar)
@@ -70,5 +71,4 @@ def resolve_mountings(
             is_clear &= abs(behind) >= least
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
-    initial_findings = () if is_clear else initial.findings
-    return replace(with_best(initial, taken, data.for_search), findings=initial_findings), refined
+    return with_best(initial, taken, data.for_search), refined, is_clear

@@ -13,13 +13,14 @@ from dataclasses import asdict, replace
 from functools import partial
 
 from semcal_cli import core
+from semcal_cli.checks.other_mounting import check_runner_up
 from semcal_cli.config import CalibrationConfig, Device
 from semcal_cli.config.paper_config import PaperConfig
 from semcal_cli.errors import check_torch, torch_import
 from semcal_cli.estimation.refine.pyramid import Refinement, refine_pose
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting import describe, measured_from, runner_up
-from semcal_cli.estimation.search.mounting_search import NO_OTHER, Initialization, check_runner_up
+from semcal_cli.estimation.search.mounting_search import Initialization, recorded
 from semcal_cli.estimation.search.registration import Candidate, register
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.events import Listener, ignore
@@ -58,7 +59,8 @@ def calibrate_as_published(
     def ascend() -> Refinement:
         refinement = refine(observations, T_init, paper, config.seed, device)
         details = f"mine, {refinement.details}, bound {refinement.bound_nats:.4f} nats"
-        settings = {**refinement.settings, "paper": {"mine": asdict(paper.mine), "device": device}}
+        mine = asdict(paper.mine) | observations.without_edge_band.shared_settings
+        settings = {**refinement.settings, "paper": {"mine": mine, "device": device}}
         return replace(refinement, details=details, settings=settings)
 
     refined = announced("refined", "ascending the bound", ascend, on_event, T_init)
@@ -70,7 +72,7 @@ def calibrate_as_published(
         initial,
         refined,
         is_compensated=False,
-        max_baseline_m=config.refinement.max_baseline_m,
+        max_baseline_m=observations.max_baseline_m,
         of_comparison=of_comparison,
     )
     return make_calibration(data, stages, config, initial_pose=initial_pose)
@@ -99,7 +101,7 @@ def refine(
     with torch_import():
         from semcal_cli.estimation.refine.mine import MineEstimator
 
-    estimator = MineEstimator(observations, paper.mine, seed, device)
+    estimator = MineEstimator(observations.without_edge_band, paper.mine, seed, device)
     return refine_pose(observations, T_init, estimator, paper.pyramid)
 
 
@@ -115,7 +117,7 @@ def _placements(observations: Observations, paper: PaperConfig, seed: int) -> In
     return Initialization(
         T_camera_lidar=T_first,
         agreement=agreements[0],
-        settings={"initialization": asdict(paper.initialization)},
+        settings=recorded(paper.initialization, observations),
         note=f"the best of {len(hypotheses)} placements",
         details=f"{hypotheses[0].num_inliers} inliers of PnP",
         hypotheses=hypotheses,
@@ -134,6 +136,6 @@ def _compared(
     best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
     ranked = sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
     other = runner_up(measured_from(refined.T_camera_lidar, ranked), paper.initialization.runner_up_deg)
-    if other is None:
-        return initial, (NO_OTHER,)
-    return replace(initial, runner_up_margin=best.margin(other)), check_runner_up(best, other)
+    if other is not None:
+        initial = replace(initial, runner_up_margin=best.margin(other), runner_up=other)
+    return initial, check_runner_up(best, other)

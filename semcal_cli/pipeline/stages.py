@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.checks.pose_checks import check_motion, check_pose, check_shutter, check_unstated
+from semcal_cli.checks.families import check_data, check_pose, check_stages
 from semcal_cli.estimation.adjust.joint import Joint
 from semcal_cli.estimation.adjust.priors import Fused
 from semcal_cli.estimation.refine.polish import Polish
+from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.estimation.search.mounting_search import Initialization
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.findings.check import Measured, findings_among
@@ -52,7 +53,7 @@ class Stages:
     """Results of the stages of one calibration; None for stages that were not run."""
 
     initial: StageResult
-    refined: StageResult | None = None
+    refined: Refinement | None = None
     polished: Polish | None = None
     joint: Joint | None = None
     """Joint estimate of the pose with intrinsics or the time offset."""
@@ -62,6 +63,8 @@ class Stages:
     unrolled: Observations | None = None
     """Observations that all stages after the refinement saw, line by line, if the shutter rolls; None if they saw those
     of the drive."""
+    of_search: tuple[Finding, ...] = ()
+    """Findings of the search for the mounting."""
     of_data: tuple[Finding, ...] = ()
     """Findings against the data."""
     notes_on_data: tuple[str, ...] = ()
@@ -76,10 +79,11 @@ class Stages:
         cls,
         data: LoadedDrive,
         initial: StageResult,
-        refined: StageResult,
+        refined: Refinement | None,
         *,
         is_compensated: bool,
         max_baseline_m: float,
+        of_search: tuple[Finding, ...] = (),
         of_comparison: tuple[Finding, ...] = (),
     ) -> Stages:
         """Start from a refined pose, and check the data that it was found from.
@@ -87,20 +91,18 @@ class Stages:
         Args:
             data: The drive, as `load` returns it.
             initial: Result of the initial calibration.
-            refined: Result of the refinement.
+            refined: Result of the refinement; None if it was not run.
             is_compensated: Whether the method compensates a rolling shutter where the motion is known.
             max_baseline_m: Distance between camera and LiDAR at which the pose was held, metres.
+            of_search: Findings of the search for the mounting.
             of_comparison: Findings of a comparison of the pose with something else.
         """
-        of_shutter, notes = check_shutter(data.drive, data.observations, is_compensated=is_compensated)
+        of_data, notes = check_data(data.drive, data.observations, is_compensated=is_compensated)
         return cls(
             initial,
             refined,
-            of_data=(
-                *check_motion(data.observations.motion_error_px),
-                *of_shutter,
-                *check_unstated(data.drive, data.observations),
-            ),
+            of_search=of_search,
+            of_data=of_data,
             notes_on_data=(*data.notes_on_networks, *notes),
             of_comparison=of_comparison,
             max_baseline_m=max_baseline_m,
@@ -172,18 +174,12 @@ class Stages:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Everything that speaks against the pose of the last stage."""
-        polished, fused, later = self.polished, self.fused, list[StageResult | Assessment | None]()
-        if not self.is_joint:
-            # If labels alone determine no pose, their polish is not expected to settle.
-            later.append(polished if fused is None or fused.is_alone else None)
-            # A pose that is polished or fused need not have settled before.
-            is_last = fused is None and (polished is None or not polished.is_accepted)
-            later += [self.refined if is_last else None, fused]
-        later.append(self.assessment)
+        of_stages = () if self.is_joint else check_stages(self.refined, self.polished, self.fused)
         return (
-            *self.initial.findings,
+            *self.of_search,
             *self.of_data,
-            *(finding for stage in later if stage is not None for finding in stage.findings),
+            *of_stages,
+            *(() if self.assessment is None else self.assessment.findings),
             *self.of_comparison,
             *check_pose(self.T_camera_lidar, self.last.agreement, self.max_baseline_m),
         )

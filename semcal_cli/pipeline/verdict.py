@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from semcal_cli.config import Limits
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.uncertainty.quantiles import overall_width
 
 Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
@@ -27,7 +27,7 @@ UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
 
 
 @dataclass(frozen=True)
-class Check:
+class AxisVerdict:
     """An offset with its limit and the verdict on it."""
 
     name: str
@@ -54,7 +54,7 @@ def judge(
     rotation_deg: Sequence[float],
     half_widths: Sequence[float] | None,
     limits: Limits,
-) -> tuple[Check, ...]:
+) -> tuple[AxisVerdict, ...]:
     """Judge the offsets of a transform: one whose 95 % interval is beyond its limit fails, one within it passes.
 
     Args:
@@ -82,7 +82,7 @@ def judge(
     return tuple(checks)
 
 
-def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> Check:
+def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> AxisVerdict:
     """Judge the time offset, in milliseconds, as `judge` judges the offsets of a transform.
 
     Args:
@@ -94,18 +94,18 @@ def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> 
     return _check(CLOCK, "ms", 1e3 * offset_s, half_width, 1e3 * limit_s)
 
 
-def figures(check: Check) -> str:
+def figures(check: AxisVerdict) -> str:
     """Put a check's offset, interval and limit into words."""
     if not check.has_estimate:
         return f"not determined, allowed {check.allowed:g} {UNITS[check.unit]}"
     unit = UNITS[check.unit]
     half = f"{unit}, interval unknown" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
-    offset, allowed = told_apart(check.offset, check.allowed, 3)
+    offset, allowed = format_against_limit(check.offset, check.allowed, 3)
     return f"{offset} {half}, allowed {allowed}"
 
 
-def overall_offsets(checks: Sequence[Check]) -> list[str]:
-    """Describe how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
+def overall_offsets(checks: Sequence[AxisVerdict]) -> list[str]:
+    """Say how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
     overall = [check for check in checks if check.name.endswith(OVERALL) or check.name == CLOCK]
     overall.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
     return [
@@ -119,10 +119,10 @@ def together(verdicts: Iterable[Verdict]) -> Verdict:
     return min(verdicts, key=VERDICTS.index, default="pass")
 
 
-def _check(name: str, unit: Unit, offset: float, half_width: float | None, allowed: float) -> Check:
+def _check(name: str, unit: Unit, offset: float, half_width: float | None, allowed: float) -> AxisVerdict:
     verdict: Verdict = "inconclusive"
     if half_width is not None and abs(offset) - half_width > allowed:
         verdict = "fail"
     if half_width is not None and abs(offset) + half_width <= allowed:
         verdict = "pass"
-    return Check(name, unit, offset, half_width, allowed, verdict)
+    return AxisVerdict(name, unit, offset, half_width, allowed, verdict)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from semcal_cli.checks.own_drive import check_own_drive
 from semcal_cli.config import (
     AdjustmentConfig,
-    AlignmentConfig,
     CalibrationConfig,
     InitializationConfig,
     Limits,
@@ -22,8 +22,6 @@ from semcal_cli.estimation.adjust.joint import DELAY_NOT_DETERMINED
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.events import Listener, ignore
-from semcal_cli.findings.check import OWN_DRIVE
-from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
@@ -36,10 +34,8 @@ from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
-from semcal_cli.pipeline.verdict import CLOCK, Check, Verdict, judge, judge_clock, together
+from semcal_cli.pipeline.verdict import CLOCK, AxisVerdict, Verdict, judge, judge_clock, together
 from semcal_cli.result.applied import apply_result, cues_applied
-from semcal_cli.result.calibration_document import CalibrationDocument
-from semcal_cli.result.provenance import hash_named
 
 NEAR_DEG, NEAR_M = 5.0, 0.5
 """Rotation and distance between transform and estimate beyond which all mounting directions are searched."""
@@ -70,7 +66,7 @@ class Verification:
 
     verdict: Verdict
     """Verdict on all checks together."""
-    checks: tuple[Check, ...]
+    checks: tuple[AxisVerdict, ...]
     """Checks of the transform minus the estimate: the camera's position and rotation, by axis and in total. If the
     offset of the camera's clock is limited, its check follows: the estimate minus the offset that the drive states."""
     reasons: tuple[str, ...]
@@ -119,7 +115,7 @@ def verify(
         data: The drive, as `load_as_stated` returns it.
         stated: The transform.
         limits: Largest allowed errors; None takes the defaults.
-        config: Seed, cues and `refinement.max_baseline_m`; None takes the defaults.
+        config: Seed and cues; None takes the defaults.
         on_event: Called with each event of the run.
 
     Raises:
@@ -136,7 +132,7 @@ def verify(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
         )
     jointly = AdjustmentConfig(with_delay=limits.delay_s is not None)
-    refinement = RefinementConfig(max_baseline_m=config.refinement.max_baseline_m, jointly=jointly)
+    refinement = RefinementConfig(jointly=jointly)
     stages = _estimate(data, stated, refinement, config.seed, on_event)
     return _judged(data, stated, stages, limits)
 
@@ -197,8 +193,7 @@ def _estimate(
         is_near = _is_near(nearby.T_camera_lidar, stated.T_camera_lidar, NEAR_DEG, NEAR_M)
         if is_near and nearby.uncertainty is not None and not nearby.findings:
             return nearby
-    search = InitializationConfig(alignment=AlignmentConfig(max_baseline_m=config.max_baseline_m))
-    return assessed(initialize(data, search, seed, on_event=on_event))
+    return assessed(initialize(data, InitializationConfig(), seed, on_event=on_event))
 
 
 def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limits) -> Verification:
@@ -220,8 +215,9 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         looks = recognise(T_stated, estimate) if verdict == "fail" else []
         reasons = [(LOOKS_LIKE, each) for each in looks]
     reasons += [(CLOCK_TOPIC, each) for each in of_clock]
-    if stated.record is not None and (own := _made_from(data.drive, stated.record)):
-        reasons += [(own.topic, own.sentence)]
+    of_record = () if stated.record is None else check_own_drive(data.drive, stated.record)
+    reasons += [(finding.topic, finding.sentence) for finding in of_record]
+    if of_record:
         verdict = "inconclusive" if verdict == "pass" else verdict
     clock = stages.joint.clock if stages.joint is not None and stages.is_joint else None
     return Verification(
@@ -235,17 +231,7 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     )
 
 
-def _made_from(drive: Drive, record: CalibrationDocument) -> Finding | None:
-    """Report a calibration that was made from most of these sweeps, by their contents: it agrees with itself."""
-    known = set(record.input.sha256.values())
-    num_own = sum(hash_named(drive, frame.points) in known for frame in drive.frames)
-    if 2 * num_own <= min(len(record.input.frames), len(drive.frames)):
-        return None
-    sentence = f"the transform was calibrated from {num_own} of these {len(drive.frames)} sweeps"
-    return OWN_DRIVE.finding(sentence)
-
-
-def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Check, list[str]]:
+def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[AxisVerdict, list[str]]:
     """Judge the offset of the clock, and say why if it cannot be judged.
 
     An offset beyond the limit fails only if it is kept, that is, if data from which it was not estimated confirm it.

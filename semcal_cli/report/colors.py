@@ -17,7 +17,7 @@ from semcal_cli.observations.observations import NO_CLASS, Observations
 
 Legend: TypeAlias = dict[str, tuple[int, ...]]
 """Blue, green and red of each named entry."""
-Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
+ColorMeaning: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
 """Meaning of the colours of points."""
 
 # Red, green, blue. CARLA's palette, with those colours lightened that are too dark for dots on an image.
@@ -124,7 +124,7 @@ def palettes(observations: Observations) -> tuple[Colors, Colors]:
     return colors[[names.index(name) for name in points]], colors[[names.index(name) for name in image]]
 
 
-def painted(
+def paint(
     classes: npt.NDArray[np.uint8], palette: Colors, empty: tuple[int, int, int] = (0, 0, 0)
 ) -> npt.NDArray[np.uint8]:
     """Colour classes (...) by a palette: (..., 3); entries without a class get the colour `empty`."""
@@ -136,6 +136,11 @@ def painted(
 def hex_color(blue_green_red: Sequence[int]) -> str:
     """Write a colour as #rrggbb."""
     return "#{2:02x}{1:02x}{0:02x}".format(*blue_green_red)
+
+
+def hex_legend(legend: Legend) -> dict[str, str]:
+    """Write the colours of a legend as #rrggbb."""
+    return {name: hex_color(color) for name, color in legend.items()}
 
 
 def segment_colors(segmented: core.SegmentedSweep) -> tuple[Colors, Legend]:
@@ -159,13 +164,13 @@ def coloring_of(observations: Observations) -> Literal["class", "edge"]:
     return "edge" if names and names <= {NO_EDGE_NAME, *STEP_COLORS} else "class"
 
 
-def first_coloring(observations: Observations) -> Coloring:
+def first_coloring(observations: Observations) -> ColorMeaning:
     """Choose what a page shows first: depth for segments, whose two classes say nothing about a pose."""
     return "depth" if observations.has_segments else coloring_of(observations)
 
 
 def is_edge(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-    """Mask (N,) of the points next to a step in range or intensity, by their classes (N,)."""
+    """Return a mask (N,) of the points next to a step in range or intensity, by their classes (N,)."""
     return np.asarray((classes != NO_EDGE) & (classes != NO_CLASS))
 
 
@@ -180,13 +185,15 @@ class Palette(NamedTuple):
     """Colours of what else is drawn."""
 
     def legend(self, present: npt.NDArray[np.integer] | None = None) -> Legend:
-        """Colours of the named numbers, only of those present (N,) if given, and of what else is drawn."""
-        shown = self.numbers.values() if present is None else set(np.unique(present).tolist())
-        named = {name: number for name, number in self.numbers.items() if number in shown}
-        return {name: tuple(self.colors[number].tolist()) for name, number in named.items()} | self.others
+        """Return the colours of the named numbers, or only of those present (N,), and of what else is drawn."""
+        numbers = self.numbers.values() if present is None else set(np.unique(present).tolist())
+        numbers_by_name = {name: number for name, number in self.numbers.items() if number in numbers}
+        return {
+            name: tuple(self.colors[number].tolist()) for name, number in numbers_by_name.items()
+        } | self.others
 
 
-def palette_of(observations: Observations, by: Coloring) -> Palette:
+def palette_of(observations: Observations, by: ColorMeaning) -> Palette:
     """Choose the colours of points by their meaning; segments have none of their own."""
     if by == "depth":
         levels = depth_levels(np.array(DEPTH_STEPS_M, np.float64)).tolist()
@@ -209,28 +216,28 @@ class PageColors(NamedTuple):
 
 def page_colors(observations: Observations, classes: npt.NDArray[np.uint8]) -> PageColors:
     """List the colours for a page, with legends of the classes or edges that occur (N,)."""
-    coloring, found = coloring_of(observations), PageColors({}, {})
+    coloring, page = coloring_of(observations), PageColors({}, {})
     present = classes[classes != NO_EDGE] if coloring == "edge" else classes
-    choices: tuple[Coloring, ...] = (coloring, "depth", "agreement")
+    choices: tuple[ColorMeaning, ...] = (coloring, "depth", "agreement")
     if observations.has_segments:  # the share that agrees falls as the pose improves
         choices = ("depth", coloring)
     for by in choices:
         palette = palette_of(observations, by)
         legend = palette.legend(present if by == coloring else None)
-        found.tables[by] = palette.colors[:, ::-1].tolist()
-        found.legends[by] = {name: hex_color(color) for name, color in legend.items()}
+        page.tables[by] = palette.colors[:, ::-1].tolist()
+        page.legends[by] = hex_legend(legend)
     if coloring == "edge":
-        found.tables["edge"][NO_EDGE] = None
-    return found
+        page.tables["edge"][NO_EDGE] = None
+    return page
 
 
 def depth_levels(ranges_m: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
-    """Level (N,) of each distance from the camera, on a logarithmic scale: 255 nearby, 0 far away."""
+    """Return the level (N,) of each distance from the camera, on a logarithmic scale: 255 nearby, 0 far away."""
     near, far = np.log(DEPTHS_M)
     share = (np.log(np.clip(ranges_m, *DEPTHS_M)) - near) / (far - near)
     return np.asarray(np.rint(255.0 * (1.0 - share)), np.uint8)
 
 
 def level_colors(levels: npt.NDArray[np.uint8]) -> Colors:
-    """Colours (N, 3) of levels (N,): blue, green, red; red nearby, blue far away."""
+    """Return the colours (N, 3) of levels (N,): blue, green, red; red nearby, blue far away."""
     return np.asarray(cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -53,12 +54,22 @@ DPI = 120
 POINTS_PER_INCH = 72.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 16.0, 12.0, 36.0
 """Margins around the axes of a drawing in a page, pixels."""
-LETTER = 6.5
+LETTER_PX = 6.5
 """Width of a letter, pixels."""
 NUM_MEASURED = 16
 """Number of names whose width is measured."""
-APART = 8.0
+MIN_GAP_PX = 8.0
 """Minimum gap between names, pixels."""
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A drawing for a page."""
+
+    name: str
+    svg: Markup
+    note: str = ""
+    """What it shows, in words."""
 
 
 def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None], top: float = TOP) -> Markup:
@@ -74,20 +85,20 @@ def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None],
     """
     width, height = size
     # Ids are hashes of the content: each drawing in a page needs its own salt.
-    with _styled({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify": False}):
+    with _style_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify": False}):
         figure = _figure(width, height)
         lines = (width - LEFT - RIGHT) / width, (height - BOTTOM - top) / height
         axes = figure.add_axes((LEFT / width, BOTTOM / height, *lines), facecolor="none")
         figure.patch.set_visible(False)
         draw(axes)
-        text = _saved(figure, "svg").decode()
+        text = _save(figure, "svg").decode()
     # The style sheet before the drawing would apply to the whole page, and ids are not used.
     content = text[text.index('<g id="figure_1">') : text.rindex("</svg>")]
     content = re.sub(r'<g id="[^"]*_\d+">', "<g>", content)
     content = re.sub(r'<g id="([a-z]+)">', r'<g class="\1">', content)
     # The page has its own font, and hundredths of a pixel are invisible.
     content = re.sub(r" font-family: [^;]*;", "", content)
-    content = re.sub(r' [dxy]="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), content)
+    content = re.sub(r' [dxy]="[^"]*"', lambda match: re.sub(r"(\.\d\d)\d+", r"\1", match[0]), content)
     for color, variable in VARIABLES.items():
         content = content.replace(color, f"var({variable})")
     head = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(name)}">'
@@ -98,14 +109,14 @@ def figure_file(
     draw: Callable[[Figure], None], size: tuple[float, float], format: Literal["png", "svg"]
 ) -> bytes:
     """Draw a figure of a size in inches as a separate file."""
-    with _styled({"figure.constrained_layout.use": True, "svg.fonttype": "path"}):
-        figure = _figure(*(POINTS_PER_INCH * each for each in size))
+    with _style_context({"figure.constrained_layout.use": True, "svg.fonttype": "path"}):
+        figure = _figure(*(POINTS_PER_INCH * inches for inches in size))
         draw(figure)
-        return _saved(figure, format)
+        return _save(figure, format)
 
 
-def _styled(more: dict[Any, Any]) -> Any:
-    """Context in which the user's settings do not change a drawing."""
+def _style_context(more: dict[Any, Any]) -> Any:
+    """Return a context in which the user's settings do not change a drawing."""
     import matplotlib as mpl
 
     return mpl.rc_context({**mpl.rcParamsDefault, **STYLE, **more})
@@ -117,7 +128,7 @@ def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width / POINTS_PER_INCH, height / POINTS_PER_INCH))
 
 
-def _saved(figure: Figure, format: Literal["png", "svg"]) -> bytes:
+def _save(figure: Figure, format: Literal["png", "svg"]) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format=format, dpi=DPI, metadata={"Date": None} if format == "svg" else None)
     return buffer.getvalue()
@@ -149,13 +160,13 @@ def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str
     """Label as many places (N,) along the horizontal axis as fit, including the first and the last."""
     scale = POINTS_PER_INCH / axes.figure.dpi
     middles = scale * axes.transData.transform(np.column_stack([places, places]))[:, 0]
-    room = _widest(axes, places, names) + APART
+    room = _widest_name_px(axes, places, names) + MIN_GAP_PX
     # The last name ends at its place if it would be cut off.
     is_shifted = middles[-1] + room / 2.0 > scale * axes.figure.bbox.width
     middles[-1] -= room / 2.0 * is_shifted
-    wanted = np.linspace(middles[0], middles[-1], max(1, int((middles[-1] - middles[0]) / room)) + 1)
+    targets = np.linspace(middles[0], middles[-1], max(1, int((middles[-1] - middles[0]) / room)) + 1)
     chosen, last = [0], len(names) - 1
-    for i in np.abs(middles[None] - wanted[1:, None]).argmin(axis=1).tolist():
+    for i in np.abs(middles[None] - targets[1:, None]).argmin(axis=1).tolist():
         if names[i] == names[chosen[-1]]:
             continue
         if middles[i] - middles[chosen[-1]] < room:
@@ -169,7 +180,7 @@ def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str
         texts[-1].set_horizontalalignment("right")
 
 
-def _widest(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str]) -> float:
+def _widest_name_px(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str]) -> float:
     """Measure the widest name below the horizontal axis, in pixels, among the longest ones."""
     axes.set_xticks(places[:1])  # another place would widen the axis
     (text,) = axes.set_xticklabels([""], parse_math=False)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup
 
 from semcal_cli import core
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
@@ -21,12 +20,13 @@ from semcal_cli.report.drawing import (
     AXIS_COLORS,
     BAD,
     SOFT,
+    Plot,
     draw_intervals,
     name_places,
     page_svg,
     short_names,
 )
-from semcal_cli.report.points import over_chance
+from semcal_cli.report.points import pmi_ratio
 from semcal_cli.result.uncertainty import AXIS_NAMES, Uncertainty
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ MIN_BAND = 0.003
 """Minimum half width of the drawn interval, relative to the reach of the curve, so that it can be seen."""
 MAX_SPANS = 50.0, 5.0
 """Largest offset that is drawn, centimetres and degrees; larger ones are drawn at the edge."""
-LEAST_SPAN = 1e-3
-APART = 0.22, 0.01
+MIN_SPAN = 1e-3
+MAX_BAR_DISTANCE = 0.22, 0.01
 """Largest distance between the bars of two axes, relative to the width of one frame and of all frames."""
 
 
@@ -78,17 +78,17 @@ def class_agreements(
     """Describe each class of points that the camera sees, the most frequent first."""
     joint = agreement.joint
     total = max(joint.sum(), 1.0)
-    shares, agreeing = joint.sum(axis=1) / total, _agreeing(joint)
-    agreeing_before = None if before is None else _agreeing(before.joint)
+    shares, agreeing = joint.sum(axis=1) / total, _agreeing_shares(joint)
+    agreeing_before = None if before is None else _agreeing_shares(before.joint)
     # A pair that was never seen adds nothing.
-    nats = (joint * np.log(np.where(joint > 0.0, over_chance(joint), 1.0))).sum(axis=1) / total
-    found = []
+    nats = (joint * np.log(np.where(joint > 0.0, pmi_ratio(joint), 1.0))).sum(axis=1) / total
+    agreements = []
     for index in np.argsort(-shares, kind="stable").tolist():
         if shares[index] == 0.0:
             continue
         row = joint[index] / joint[index].sum()
         largest = np.argsort(-row, kind="stable")[:NUM_PIXEL_CLASSES].tolist()
-        found.append(
+        agreements.append(
             ClassAgreement(
                 name=observations.point_class_names[index],
                 share=float(shares[index]),
@@ -98,23 +98,13 @@ def class_agreements(
                 lands_on=[(observations.image_class_names[i], float(row[i])) for i in largest if row[i] > 0],
             )
         )
-    return found
+    return agreements
 
 
-def _agreeing(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _agreeing_shares(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     totals = joint.sum(axis=1)
-    above = np.where(over_chance(joint) > 1.0, joint, 0.0).sum(axis=1)
+    above = np.where(pmi_ratio(joint) > 1.0, joint, 0.0).sum(axis=1)
     return np.asarray(above / np.where(totals > 0.0, totals, 1.0))
-
-
-@dataclass(frozen=True)
-class Plot:
-    """A drawing with its name."""
-
-    name: str
-    svg: Markup
-    note: str = ""
-    """What it shows, in words."""
 
 
 @dataclass(frozen=True)
@@ -152,8 +142,8 @@ def information_curves(
     offsets = [_offsets(span, sigma) for span, sigma in zip(SPANS, sigmas, strict=True)]
     # The camera's centre moves by a metre against the translation of a twist, or the camera turns by a degree.
     twists = np.diag([-1.0] * 3 + [math.radians(1.0)] * 3).tolist()
-    ways = [(twist, each.tolist()) for twist, each in zip(twists, offsets, strict=True)]
-    nats = core.information_along(observations.of_classes.core, T_camera_lidar, ways)
+    lines = [(twist, axis_offsets.tolist()) for twist, axis_offsets in zip(twists, offsets, strict=True)]
+    nats = core.information_along(observations.of_classes.core, T_camera_lidar, lines)
     curves = []
     for axis, (name, sigma) in enumerate(zip(AXIS_NAMES, sigmas, strict=True)):
         scale, unit = (100.0, "cm") if axis < 3 else (1.0, "deg")
@@ -162,9 +152,9 @@ def information_curves(
     return curves
 
 
-def _offsets(least_span: float, sigma: float | None) -> npt.NDArray[np.float64]:
-    """Offsets (n,) of the samples along an axis, in metres or degrees: evenly spaced, and denser near the pose."""
-    span = max(least_span, SPAN_SIGMAS * (sigma or 0.0))
+def _offsets(min_span: float, sigma: float | None) -> npt.NDArray[np.float64]:
+    """Return the offsets (n,) of samples along an axis, metres or degrees: evenly spaced, and denser near the pose."""
+    span = max(min_span, SPAN_SIGMAS * (sigma or 0.0))
     # An axis that is practically exact has no scale of its own.
     near = NEAR_SIGMAS * (sigma if sigma is not None and sigma > EXACT else 0.02 * span)
     wide = np.linspace(-span, span, NUM_SAMPLES)
@@ -199,25 +189,26 @@ def _curve_plot(curve: Curve, low: float, high: float) -> Plot:
     return Plot(curve.name, page_svg(curve.name, SIZE, draw), note)
 
 
-def frames_plots(found: FrameOffsets, names: Sequence[str]) -> list[Plot]:
+def frames_plots(offsets: FrameOffsets, names: Sequence[str]) -> list[Plot]:
     """Draw the offsets of the camera's position and rotation in each of the named frames."""
     return [
-        _frames_plot("camera centre, cm", slice(0, 3), 100.0, MAX_SPANS[0], found, names),
-        _frames_plot("rotation, degrees", slice(3, 6), 1.0, MAX_SPANS[1], found, names),
+        _frames_plot("camera centre, cm", slice(0, 3), 100.0, MAX_SPANS[0], offsets, names),
+        _frames_plot("rotation, degrees", slice(3, 6), 1.0, MAX_SPANS[1], offsets, names),
     ]
 
 
 def _frames_plot(
-    name: str, axis: slice, scale: float, max_span: float, found: FrameOffsets, names: Sequence[str]
+    name: str, axis: slice, scale: float, max_span: float, frame_offsets: FrameOffsets, names: Sequence[str]
 ) -> Plot:
     """Draw the scaled offsets along or about three axes."""
     offsets, half_widths, of_parts = (
-        scale * each[:, axis] for each in (found.offsets, found.half_widths_95, found.of_parts)
+        scale * array[:, axis]
+        for array in (frame_offsets.offsets, frame_offsets.half_widths_95, frame_offsets.of_parts)
     )
     reach = np.nanmax(np.abs(np.vstack([offsets, of_parts])), initial=0.0)
     wide = np.nanmax(np.abs(offsets) + half_widths, initial=0.0)
     # Intervals much wider than all offsets are cut, so that they do not flatten the offsets.
-    span = min(max(min(wide, 4.0 * reach), reach, LEAST_SPAN), max_span)
+    span = min(max(min(wide, 4.0 * reach), reach, MIN_SPAN), max_span)
     frames = np.arange(len(names), dtype=np.float64)
 
     def draw(axes: Axes) -> None:
@@ -229,9 +220,9 @@ def _frames_plot(
             if of_parts.any():
                 edges = np.append(frames, len(names)) - 0.5
                 axes.stairs(of_parts[:, i], edges, baseline=None, color=color, linestyle="--", gid="step")
-            shown = np.isfinite(offsets[:, i])
-            at = frames[shown] + min(APART[0], APART[1] * len(names)) * (i - 1)
-            draw_intervals(axes, at, offsets[shown, i].clip(-span, span), half_widths[shown, i], color)
+            is_finite = np.isfinite(offsets[:, i])
+            x = frames[is_finite] + min(MAX_BAR_DISTANCE[0], MAX_BAR_DISTANCE[1] * len(names)) * (i - 1)
+            draw_intervals(axes, x, offsets[is_finite, i].clip(-span, span), half_widths[is_finite, i], color)
         name_places(axes, frames, short_names(names))
 
     return Plot(name, page_svg(f"{name}, frame by frame", FRAMES_SIZE, draw))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from semcal_cli.config import AUTO, MAX_FRAMES
+from semcal_cli.config import AUTO, MAX_FRAMES, RefinementConfig
+from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.errors import listed
+from semcal_cli.errors import InputError, listed
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.arrays import Pose
@@ -61,12 +63,12 @@ class ReportInput:
     """Sentences for the reader about the origin of the figures."""
 
     def overlays(self, max_frames: int) -> Overlays:
-        """Images of evenly spaced frames: before, if there is a transform to compare with, and after."""
+        """Return the images of evenly spaced frames: before, if there is a transform to compare with, and after."""
         indices = evenly_spaced(range(len(self.drive.frames)), max_frames)
         poses, others = {}, {}
         if self.before is not None:
             poses[self.before.caption] = self.before.T_camera_lidar
-            others[self.before.caption] = self.seen_as(self.before.drive).of_frames(indices)
+            others[self.before.caption] = self.observed_by(self.before.drive).of_frames(indices)
         return Overlays(
             with_frames(self.drive, indices),
             self.observations.of_frames(indices),
@@ -75,8 +77,8 @@ class ReportInput:
             others,
         )
 
-    def seen_as(self, other: Drive) -> Observations:
-        """Give the observations as the camera and the clock of another copy of the drive see them."""
+    def observed_by(self, other: Drive) -> Observations:
+        """Return the observations as the camera and the clock of another copy of the drive see them."""
         return seen_as(self.observations, self.drive, other)
 
 
@@ -95,10 +97,10 @@ def read_report_input(drive: Drive, calibration: Path, against: Path | None = No
     before = None
     if against is not None:
         other = read_extrinsic(against)
-        seen = apply_result(other.record, drive, str(against))
-        before = Before(str(against), other.T_camera_lidar, *seen)
-    found = read_extrinsic(calibration)
-    return make_report_input(drive, str(calibration), found.T_camera_lidar, found.record, before)
+        applied = apply_result(other.record, drive, str(against))
+        before = Before(str(against), other.T_camera_lidar, *applied)
+    extrinsic = read_extrinsic(calibration)
+    return make_report_input(drive, str(calibration), extrinsic.T_camera_lidar, extrinsic.record, before)
 
 
 def make_report_input(
@@ -114,7 +116,7 @@ def make_report_input(
         drive: Drive whose frames are shown.
         name: Name of the transform.
         T_camera_lidar: (4, 4).
-        record: Calibration that semcal wrote with the transform, if there is one.
+        record: CalibrationDocument that semcal wrote with the transform, if there is one.
         before: Transform to compare with; None takes the first stage of the record, if that is another pose.
 
     Raises:
@@ -126,10 +128,10 @@ def make_report_input(
         if stage is not None and stage.T_camera_lidar != record.rows_camera_lidar:
             before = Before("the first stage", np.array(stage.T_camera_lidar), as_begun(record, drive))
     drive, changes = apply_result(record, drive, name)
-    used, notices = (None, []) if record is None else _used(drive, record)
-    staying = apply_result(record, drive, name).sentences
-    is_of_record = used is not None and not staying
-    notices += staying
+    used_drive, notices = (None, []) if record is None else _find_frames(drive, record)
+    differences = apply_result(record, drive, name).sentences
+    is_of_record = used_drive is not None and not differences
+    notices += differences
     if before is not None:
         notices += [
             f"In the images of {before.caption}, the {label} is {line}." for label, line in before.changes
@@ -139,44 +141,63 @@ def make_report_input(
     sweeps = Sweeps()
     cues = cues_applied(record, AUTO, drive, with_features=True)
     cues = maximised(chosen(cues, drive, sweeps))[:1]
-    used = used or choose_frames(drive, cues, MAX_FRAMES)
+    used_drive = used_drive or choose_frames(drive, cues, MAX_FRAMES)
     return ReportInput(
         name=name,
         T_camera_lidar=T_camera_lidar,
         record=record,
         before=before,
-        drive=used,
+        drive=used_drive,
         changes=changes,
-        observations=unrolled(load_cues(used, cues, sweeps), T_camera_lidar),
+        observations=unrolled(_with_settings(load_cues(used_drive, cues, sweeps), record), T_camera_lidar),
         is_of_record=is_of_record,
         notices=tuple(notices),
     )
 
 
-def _used(drive: Drive, record: CalibrationDocument) -> tuple[Drive | None, list[str]]:
-    """Take the frames that a calibration was computed from, if the drive has them, and name what has changed."""
-    keys = [key for key in InputFrame.model_fields if any(getattr(each, key) for each in record.input.frames)]
+def _with_settings(observations: Observations, record: CalibrationDocument | None) -> Observations:
+    """Use the maximum baseline and the edge band that a calibration records, unless it has none or they are wrong."""
+    polish = None if record is None else record.settings.options.get("polish")
+    known: dict[str, Any] = {}
+    if isinstance(polish, dict):
+        known = {name: polish[name] for name in observations.shared_settings if name in polish}
+    with suppress(InputError):
+        check_settings(RefinementConfig(**known))
+        return replace(observations, **known)
+    return observations
+
+
+def _find_frames(drive: Drive, record: CalibrationDocument) -> tuple[Drive | None, list[str]]:
+    """Find the frames that a calibration was computed from, if the drive has them, and name what has changed."""
+    keys = [
+        key
+        for key in InputFrame.model_fields
+        if any(getattr(files_of_frame, key) for files_of_frame in record.input.frames)
+    ]
 
     def files(frame: Frame | InputFrame) -> tuple[str | None, ...]:
         return tuple(getattr(frame, key) for key in keys)
 
     names = {files(frame) for frame in record.input.frames}
-    named: dict[tuple[str | None, ...], Frame] = {}  # a frame that is listed twice is read once
+    frames: dict[tuple[str | None, ...], Frame] = {}  # a frame that is listed twice is read once
     for frame in drive.frames:
         if files(frame) in names:
-            named.setdefault(files(frame), frame)
-    used, known = drive.model_copy(update={"frames": tuple(named.values())}), record.input.sha256
-    hashes = hash_input(used, keys)
-    changed = {name for name, digest in hashes.items() if known.get(name, digest) != digest}
-    if all(changed & set(filter(None, each)) for each in named):
+            frames.setdefault(files(frame), frame)
+    used_drive, recorded_hashes = (
+        drive.model_copy(update={"frames": tuple(frames.values())}),
+        record.input.sha256,
+    )
+    hashes = hash_input(used_drive, keys)
+    changed = {name for name, digest in hashes.items() if recorded_hashes.get(name, digest) != digest}
+    if all(changed & set(filter(None, files_of_frame)) for files_of_frame in frames):
         notice = (
             f"The calibration was computed from other frames, those of {record.input.drive}; figures and images show "
             f"{drive.path}."
         )
         return None, [notice]
     notices = []
-    if len(named) != len(names):
-        notices.append(f"Of the {len(names)} frames it was computed from, {len(named)} are in {drive.path}.")
+    if len(frames) != len(names):
+        notices.append(f"Of the {len(names)} frames it was computed from, {len(frames)} are in {drive.path}.")
     if changed:
         notices.append(f"Files have changed since it was computed: {listed(sorted(changed))}.")
-    return used, notices
+    return used_drive, notices

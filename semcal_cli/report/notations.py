@@ -25,7 +25,7 @@ DIGITS = 9
 
 
 @dataclass(frozen=True)
-class Notation:
+class TransformText:
     """A transform as text to copy, under its name."""
 
     name: str
@@ -39,7 +39,7 @@ MOUNTING = (
 )
 
 
-def notations(T_camera_lidar: Pose) -> list[Notation]:
+def notations(T_camera_lidar: Pose) -> list[TransformText]:
     """Write a transform as matrices, vectors and angles."""
     T, turn_deg = T_camera_lidar, rotation_vector_deg(T_camera_lidar)
     rows = [
@@ -51,28 +51,35 @@ def notations(T_camera_lidar: Pose) -> list[Notation]:
         ("rotation vector", "degrees, of T_camera_lidar", turn_deg),
         ("rotation vector", "radians, of T_camera_lidar (OpenCV's rvec)", np.radians(turn_deg)),
     ]
-    inverted = "its inverse, p_lidar = T_lidar_camera p_camera"
+    inverse_meaning = "its inverse, p_lidar = T_lidar_camera p_camera"
     return [
         T_notation(T),
-        Notation("T_lidar_camera", inverted, matrix_text(inverse(T))),
-        *(Notation(name, meaning, _aligned(values).strip()) for name, meaning, values in rows),
+        TransformText("T_lidar_camera", inverse_meaning, _matrix_text(inverse(T))),
+        *(TransformText(name, meaning, _aligned(values).strip()) for name, meaning, values in rows),
     ]
 
 
-def T_notation(T_camera_lidar: Pose) -> Notation:
+def T_notation(T_camera_lidar: Pose) -> TransformText:
     """Write a transform as a matrix."""
-    return Notation(
-        "T_camera_lidar", "p_camera = T_camera_lidar p_lidar, metres", matrix_text(T_camera_lidar)
+    return TransformText(
+        "T_camera_lidar", "p_camera = T_camera_lidar p_lidar, metres", _matrix_text(T_camera_lidar)
     )
 
 
-def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[Notation]:
+def pair_notation(a: str, b: str, T_a_b: Pose) -> TransformText:
+    """Write the transform (4, 4) between two cameras as a matrix."""
+    return TransformText(
+        f"T_{a}_{b}", f"p_{a} = T_{a}_{b} p_{b}: from {b} to {a}, metres", _matrix_text(T_a_b)
+    )
+
+
+def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[TransformText]:
     """Write a transform in each text format that needs no other information.
 
     Matrices in formats without a direction are T_camera_lidar. Intrinsics are included where a format can hold them and
     has a name for the lens.
     """
-    found = []
+    texts = []
     for format in FORMATS:
         for camera in (intrinsics, None):
             # Formats that edit an existing file are left out, and so is NumPy's, which is not text.
@@ -80,12 +87,12 @@ def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[Notati
                 options = FormatOptions(direction="lidar-to-camera", intrinsics=camera)
                 text = format.write(T_camera_lidar, options).decode()
                 direction = "; here lidar-to-camera" if "direction" in format.asks else ""
-                found.append(Notation(format.name, format.equation + direction, text.rstrip("\n")))
+                texts.append(TransformText(format.name, format.equation + direction, text.rstrip("\n")))
                 break
-    return found
+    return texts
 
 
-def matrix_text(T: Pose) -> str:
+def _matrix_text(T: Pose) -> str:
     """Write a transform, one row on each line."""
     return "\n".join(_aligned(row) for row in T)
 

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.checks.pairing import frame_names
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import InputError, counted
@@ -22,22 +21,30 @@ from semcal_cli.geometry.arrays import Colors, Image, Pose
 from semcal_cli.observations.cues.edges import EDGES, gradients
 from semcal_cli.observations.cues.intensity import grey_values, lens_mask
 from semcal_cli.observations.cues.segments import SegmentationConfig
+from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.report.colors import (
     NO_PAIR,
-    Coloring,
+    ColorMeaning,
     Legend,
     class_colors,
     depth_levels,
     is_edge,
     level_colors,
-    painted,
+    paint,
     palette_of,
     palettes,
     segment_colors,
 )
-from semcal_cli.report.points import Seen, View, frame_points, goes_together, kinds_of, points_in_image
+from semcal_cli.report.points import (
+    ProjectedPoints,
+    View,
+    agreement_kinds,
+    associated_classes,
+    frame_points,
+    points_in_image,
+)
 
 WIDE = 2.0
 """Ratio of width to height from which images are stacked vertically."""
@@ -82,7 +89,7 @@ def image_of(drive: Drive, observations: Observations, frame: int) -> tuple[Imag
     if not observations.image_class_names:
         key = drive.frames[frame].key("image")
         raise InputError(f"{drive.path}: {key}: found nothing, needed an image, or labels to show instead")
-    return painted(observations.images[frame].classes, palettes(observations)[1]), False
+    return paint(observations.images[frame].classes, palettes(observations)[1]), False
 
 
 def edge_image(drive: Drive, frame: Frame) -> Image:
@@ -94,8 +101,8 @@ def edge_image(drive: Drive, frame: Frame) -> Image:
     grey = grey_values(drive, frame)
     strength, is_inside = gradients(drive.camera, grey, lens_mask(drive.camera), BLUR_PX, EDGES)
     full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
-    drawn = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
-    return np.asarray(np.repeat(drawn.astype(np.uint8)[..., None], 3, axis=2))
+    grey_with_edges = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
+    return np.asarray(np.repeat(grey_with_edges.astype(np.uint8)[..., None], 3, axis=2))
 
 
 @dataclass(frozen=True)
@@ -112,7 +119,7 @@ class Overlays:
     """Observations of the same drive; without labels if the colours show depth or segments."""
     poses: Mapping[str, Pose]
     """T_camera_lidar (4, 4) by caption; at least one."""
-    by: Coloring = "class"
+    by: ColorMeaning = "class"
     """Meaning of the colours: the point's class; its distance from the camera; whether its class and the pixel's occur
     together more often than by chance at the last pose; its segment of the sweep; or the step in range or intensity
     next to it, on the edges of the image, which needs observations of the cue edges."""
@@ -144,8 +151,7 @@ class Overlays:
         camera = self.observations.camera
         images, legend = self.draw(frame)
         images = {self.strip(frame, caption): image for caption, image in images.items()}
-        image = before_after(images, stacked=camera.width >= WIDE * camera.height)
-        write_image(np.vstack([image, draw_legend(legend, image.shape[1])]), path)
+        write_image(with_legend(images, legend, stacked=camera.width >= WIDE * camera.height), path)
 
     @cached_property
     def frame_names(self) -> list[str]:
@@ -156,7 +162,7 @@ class Overlays:
         """Caption a frame: its name, the share of its points that agree at a pose, and the name of the pose."""
         words = [self.frame_names[frame]]
         if self.observations.point_class_names and self.observations.image_class_names:
-            (points,) = frame_points([self.views[caption]], frame, self.together).poses
+            (points,) = frame_points([self.views[caption]], frame, self.is_associated).poses
             words += [] if points.agreement is None else [f"{100.0 * points.agreement:.1f} % agree"]
         return "   ".join([*words, caption])
 
@@ -175,40 +181,44 @@ class Overlays:
         images: dict[str, Image] = {}
         legend: Legend = {}
         for caption, view in self.views.items():
-            pixels, colors, named = self._colored(frame, view.seen_in_frame(frame))
+            pixels, colors, pose_legend = self._colored(frame, view.project_frame(frame))
             images[caption] = _draw_dots(background, pixels, colors)
-            legend |= named
+            legend |= pose_legend
         return images, legend
 
     def _background(self, frame: int) -> Image:
-        """The image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
+        """Return the image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
         if self.by == "edge":
             return edge_image(self.drive, self.drive.frames[frame])
         image, is_photograph = image_of(self.drive, self.observations, frame)
         if not is_photograph:
             return (LABEL_STRENGTH * image).astype(np.uint8)
-        return _dimmed(image)
+        return _dim(image)
 
-    def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
-        """Pixels (M, 2) and colours (M, 3) of the dots in the order in which they are drawn, with their legend."""
-        shown = np.flatnonzero(~seen.is_hidden)
+    def _colored(self, frame: int, projected: ProjectedPoints) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
+        """Return pixels (M, 2) and colours (M, 3) of the dots in the order in which they are drawn, and the legend."""
+        indices = np.flatnonzero(~projected.is_hidden)
         if self.by == "segment":
             colors, legend = segment_colors(self._segmented[frame])
-            return seen.pixels[shown], colors[seen.indices[shown]], legend
+            return projected.pixels[indices], colors[projected.indices[indices]], legend
         palette = palette_of(self.observations, self.by)
         if self.by == "depth":
-            return seen.pixels[shown], palette.colors[depth_levels(seen.ranges_m)[shown]], palette.legend()
+            return (
+                projected.pixels[indices],
+                palette.colors[depth_levels(projected.ranges_m)[indices]],
+                palette.legend(),
+            )
         if self.by == "agreement":
-            kinds = kinds_of(self.observations, frame, seen, self.together)
-            judged = kinds != NO_PAIR
-            return seen.pixels[judged], palette.colors[kinds[judged]], palette.legend()
-        classes = self.observations.clouds[frame].classes[seen.indices]
-        shown = shown[classes[shown] != NO_CLASS]
+            kinds = agreement_kinds(self.observations, frame, projected, self.is_associated)
+            is_judged = kinds != NO_PAIR
+            return projected.pixels[is_judged], palette.colors[kinds[is_judged]], palette.legend()
+        classes = self.observations.clouds[frame].classes[projected.indices]
+        indices = indices[classes[indices] != NO_CLASS]
         if self.by == "edge":
             # Steps in intensity come first, then those in range; the strongest of each are drawn last.
-            shown = shown[is_edge(classes[shown])]
-            shown = shown[np.argsort(classes[shown], kind="stable")]
-        return seen.pixels[shown], palette.colors[classes[shown]], palette.legend(classes[shown])
+            indices = indices[is_edge(classes[indices])]
+            indices = indices[np.argsort(classes[indices], kind="stable")]
+        return projected.pixels[indices], palette.colors[classes[indices]], palette.legend(classes[indices])
 
     @cached_property
     def _segmented(self) -> list[core.SegmentedSweep]:
@@ -216,9 +226,9 @@ class Overlays:
         return core.segment_sweeps(clouds, SegmentationConfig())
 
     @cached_property
-    def together(self) -> npt.NDArray[np.bool_]:
-        """Classes of points and of pixels that go together at the last pose."""
-        return goes_together(list(self.views.values())[-1].agreement())
+    def is_associated(self) -> npt.NDArray[np.bool_]:
+        """See `associated_classes`, at the last pose."""
+        return associated_classes(list(self.views.values())[-1].agreement())
 
 
 def draw_depths(image: Image, points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Image:
@@ -230,14 +240,16 @@ def draw_depths(image: Image, points: npt.NDArray[np.float32], T_camera_lidar: P
         T_camera_lidar: (4, 4), metres.
         camera: Camera of the image.
     """
-    seen = points_in_image(points, T_camera_lidar, camera)
-    shown, colors = ~seen.is_hidden, level_colors(np.arange(256, dtype=np.uint8))
-    return _draw_dots(_dimmed(image), seen.pixels[shown], colors[depth_levels(seen.ranges_m[shown])])
+    projected = points_in_image(points, T_camera_lidar, camera)
+    is_visible, colors = ~projected.is_hidden, level_colors(np.arange(256, dtype=np.uint8))
+    return _draw_dots(
+        _dim(image), projected.pixels[is_visible], colors[depth_levels(projected.ranges_m[is_visible])]
+    )
 
 
-def _dimmed(image: Image) -> Image:
-    mixed = BACKGROUND_GRAY * image.mean(axis=2, keepdims=True) + (1.0 - BACKGROUND_GRAY) * image
-    dimmed: Image = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
+def _dim(image: Image) -> Image:
+    grey_mixed = BACKGROUND_GRAY * image.mean(axis=2, keepdims=True) + (1.0 - BACKGROUND_GRAY) * image
+    dimmed: Image = (BACKGROUND_STRENGTH * grey_mixed).astype(np.uint8)
     return dimmed
 
 
@@ -249,9 +261,9 @@ def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) 
     du, dv = (grid.ravel() for grid in np.meshgrid(span, span))
     is_disk = du**2 + dv**2 <= (radius + 0.5) ** 2
     u, v = pixels[:, :1] + du[is_disk], pixels[:, 1:] + dv[is_disk]
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    is_inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     # Dots are assigned in the order of the points: the last one on a pixel remains.
-    canvas[v[inside], u[inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[inside]
+    canvas[v[is_inside], u[is_inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[is_inside]
     return canvas
 
 
@@ -272,37 +284,44 @@ def draw_labels(
     Returns:
         (H', W', 3) blue, green, red.
     """
-    found, counts = np.unique(ids, return_counts=True)
-    num_pixels = dict(zip(found.tolist(), counts.tolist(), strict=True))
+    ids_shown, counts = np.unique(ids, return_counts=True)
+    num_pixels = dict(zip(ids_shown.tolist(), counts.tolist(), strict=True))
     names = {value: name for name, values in classes.items() for value in values}
-    shown = [value for value in num_pixels if value not in ignored and (value in names or not names)]
+    visible_ids = [value for value in num_pixels if value not in ignored and (value in names or not names)]
     # All classes get colours, so that these do not depend on what an image shows.
-    every = list(classes) or [str(value) for value in shown]
-    colors = dict(zip(every, class_colors(every), strict=True))
-    drawn = image.copy()
-    for value in shown:
-        here = ids == value
-        mixed = (1.0 - LABEL_SHARE) * image[here] + LABEL_SHARE * colors[names.get(value, str(value))]
-        drawn[here] = mixed.round().astype(np.uint8)
-    named = [names.get(value, str(value)) for value in sorted(shown, key=lambda value: -num_pixels[value])]
+    all_names = list(classes) or [str(value) for value in visible_ids]
+    colors = dict(zip(all_names, class_colors(all_names), strict=True))
+    colored = image.copy()
+    for value in visible_ids:
+        mask = ids == value
+        mixed = (1.0 - LABEL_SHARE) * image[mask] + LABEL_SHARE * colors[names.get(value, str(value))]
+        colored[mask] = mixed.round().astype(np.uint8)
+    shown_names = [
+        names.get(value, str(value)) for value in sorted(visible_ids, key=lambda value: -num_pixels[value])
+    ]
     is_wide = image.shape[1] > WIDE * image.shape[0]
-    both = before_after({"image": image, "labels": drawn}, stacked=is_wide)
-    legend = {name: tuple(colors[name].tolist()) for name in named}
-    return np.vstack([both, draw_legend(legend, both.shape[1])])
+    legend = {name: tuple(colors[name].tolist()) for name in shown_names}
+    return with_legend({"image": image, "labels": colored}, legend, stacked=is_wide)
+
+
+def with_legend(images: Mapping[str, Image], legend: Legend, *, stacked: bool = False) -> Image:
+    """Put captioned images of one size side by side, or stack them, above the legend of their colours."""
+    image = before_after(images, stacked=stacked)
+    return np.vstack([image, draw_legend(legend, image.shape[1])])
 
 
 def before_after(images: Mapping[str, Image], *, stacked: bool = False) -> Image:
     """Put images of one size side by side, or stack them, in order, each with its caption."""
     widths = [image.shape[1] for image in images.values()]
     width = max(widths) if stacked else sum(widths)
-    captioned = [add_caption(image, caption, width) for caption, image in images.items()]
+    captioned = [_add_caption(image, caption, width) for caption, image in images.items()]
     return np.vstack(captioned) if stacked else np.hstack(captioned)
 
 
-def add_caption(image: Image, caption: str, shown_width: int) -> Image:
+def _add_caption(image: Image, caption: str, shown_width: int) -> Image:
     """Put a line of text above an image, sized for the total width."""
     scale, line = _text_size(shown_width)
-    strip = _filled(line, image.shape[1])
+    strip = _blank_strip(line, image.shape[1])
     _write(strip, caption, (line // 2, 0), scale, line)
     return np.vstack([strip, image])
 
@@ -318,7 +337,7 @@ def draw_legend(legend: Legend, width: int) -> Image:
             x, y = line // 2, y + line
         spots.append((x, y))
         x += step
-    strip = _filled(y + line, width)
+    strip = _blank_strip(y + line, width)
     for (name, color), (x, y) in zip(legend.items(), spots, strict=True):
         cv2.circle(strip, (x + line // 3, y + line // 2), line // 4, color, cv2.FILLED, cv2.LINE_AA)
         _write(strip, name, (x + line, y), scale, line)
@@ -326,17 +345,17 @@ def draw_legend(legend: Legend, width: int) -> Image:
 
 
 def _text_size(width: int) -> tuple[float, int]:
-    """Scale of the font, and height of a line, for an image of a given width."""
+    """Return the scale of the font and the height of a line, pixels, for the width of an image."""
     line = max(16, width // 40)
     return 0.45 * line / FONT_HEIGHT, line
 
 
-def _filled(height: int, width: int) -> Image:
+def _blank_strip(height: int, width: int) -> Image:
     return np.full((height, width, 3), MARGIN_COLOR, dtype=np.uint8)
 
 
 def _write(strip: Image, text: str, corner: tuple[int, int], scale: float, line: int) -> None:
-    """Write text into a line, given its upper left corner."""
+    """Write text into a line whose upper left corner is `corner`."""
     x, y = corner
     thickness = max(1, round(line / 24))
     cv2.putText(strip, text, (x, y + round(0.7 * line)), FONT, scale, TEXT_COLOR, thickness, cv2.LINE_AA)

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from semcal_cli import core
-from semcal_cli.checks.pairing import frame_names
 from semcal_cli.config import LABELS
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.output_files import write_text
 from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.observations.cues.cue_table import files_of
+from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.pipeline.verdict import overall_offsets
 from semcal_cli.report import words
@@ -30,7 +30,7 @@ from semcal_cli.report.notations import T_notation, files, notations
 from semcal_cli.report.overlays import Overlays
 from semcal_cli.report.page_images import MAX_FRAMES, make_images
 from semcal_cli.report.points import View
-from semcal_cli.report.template import Verdict, linked, render_page
+from semcal_cli.report.template import PageVerdict, link_reasons, render_page
 from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.next_steps import Rows, after_calibration
@@ -46,14 +46,14 @@ if TYPE_CHECKING:
 
 SCRIPTS = tuple(f"report/{name}.js" for name in ("image", "images", "cloud"))
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
-FOUND = "found on this drive"
-"""Caption of the pose that a verification found."""
-BEYOND, FARTHEST = 1.25, 6.0
+ESTIMATED = "found on this drive"
+"""Caption of the pose that a verification estimates."""
+REACH, MAX_REACH = 1.25, 6.0
 """Reach of the bars to either side, relative to the farthest offset, and its limit, relative to the allowed offset."""
 
 
 def write_report(
-    report: ReportInput, path: Path, progress: Callable[[str], None] = lambda doing: None
+    report: ReportInput, path: Path, progress: Callable[[str], None] = lambda step: None
 ) -> None:
     """Write the page about a calibration.
 
@@ -68,8 +68,8 @@ def write_report(
     observations, T, record = report.observations, report.T_camera_lidar, report.record
     agreement, before = core.agreement(observations.core, T), None
     if report.before is not None:
-        before = View(report.seen_as(report.before.drive), report.before.T_camera_lidar).agreement()
-    drawn = _drawn(report, progress)
+        before = View(report.observed_by(report.before.drive), report.before.T_camera_lidar).agreement()
+    drawings = _draw_content(report, progress)
     progress("writing the page")
     made_by, options, hashes = versions(), "", {}
     if record is None:
@@ -101,19 +101,19 @@ def write_report(
         next_steps=_next_steps(report),
         versions=made_by,
         hashes=hashes,
-        **drawn,
+        **drawings,
     )
     write_text(page, path)
 
 
 def _next_steps(report: ReportInput) -> Rows:
-    """Say what to do with a calibration; empty for another file, or on other frames."""
+    """List what to do with a calibration; empty for another file, or on other frames."""
     if report.record is None or not report.is_of_record or Path(report.name).suffix not in FORMATS:
         return []
     return after_calibration(report.record, Path(report.name))
 
 
-def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, Any]:
+def _draw_content(report: ReportInput, progress: Callable[[str], None]) -> dict[str, Any]:
     """Draw what the page shows, by the names of its template."""
     observations, T, record, parts = report.observations, report.T_camera_lidar, report.record, _parts(report)
     # Python code runs while other work is in the core or in an encoder.
@@ -126,51 +126,54 @@ def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, An
         plots = pool.submit(curve_plots, curves)
         cloud = pool.submit(frame_cloud, report)
         progress("calibrating each frame on its own")
-        of_frames: FrameOffsets | None = None
+        offsets: FrameOffsets | None = None
         if observations.num_frames > 1 and not observations.has_vectors:
-            of_frames = frame_offsets(observations, T, parts)
+            offsets = frame_offsets(observations, T, parts)
     return {
         "images": images,
         "plots": plots.result(),
         "cloud": asdict(cloud.result()),
-        "of_frames": of_frames,
+        "of_frames": offsets,
         "num_parts": len(parts),
     }
 
 
 def _parts(report: ReportInput) -> tuple[DrivePart, ...]:
-    """Parts of the drive with their own poses, if the calibration was computed from the frames shown."""
+    """Return the parts of the drive with their own poses, if the calibration was computed from the frames shown."""
     parts = () if report.record is None or not report.is_of_record else report.record.parts
     is_whole = sum(part.num_frames for part in parts) == report.observations.num_frames
     return parts if is_whole else ()
 
 
 def _reach_of_hypotheses(record: CalibrationDocument) -> tuple[float, float]:
-    """Range of the information of mountings minus its bias, with one standard error to either side."""
-    found = [
-        (each.mutual_information_nats - each.bias_nats, each.sigma_nats or 0.0) for each in record.hypotheses
+    """Return the range of the information of mountings minus its bias, with one standard error to either side."""
+    hypotheses = [
+        (hypothesis.mutual_information_nats - hypothesis.bias_nats, hypothesis.sigma_nats or 0.0)
+        for hypothesis in record.hypotheses
     ]
-    low = min((nats - sigma for nats, sigma in found), default=0.0)
-    high = max((nats + sigma for nats, sigma in found), default=1.0)
+    low = min((nats - sigma for nats, sigma in hypotheses), default=0.0)
+    high = max((nats + sigma for nats, sigma in hypotheses), default=1.0)
     return low, high
 
 
-def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialPose) -> Overlays:
+def both_overlays(verification: Verification, data: LoadedDrive, initial_pose: InitialPose) -> Overlays:
     """Put the verified transform and the one that was found side by side, on evenly spaced frames."""
-    few = data.of_frames(evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES))
-    poses = {initial_pose.name: initial_pose.T_camera_lidar, FOUND: found.T_camera_lidar}
-    of_estimate = few.drive.model_copy(update={"time_offset_s": found.time_offset_s})
-    others = {FOUND: seen_as(few.first_cue, few.drive, of_estimate)}
-    by = first_coloring(few.first_cue)
+    sample = data.of_frames(evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES))
+    poses = {initial_pose.name: initial_pose.T_camera_lidar, ESTIMATED: verification.T_camera_lidar}
+    of_estimate = sample.drive.model_copy(update={"time_offset_s": verification.time_offset_s})
+    observations = {ESTIMATED: seen_as(sample.first_cue, sample.drive, of_estimate)}
+    by = first_coloring(sample.first_cue)
     by = "agreement" if by == "class" else by
-    return Overlays(few.drive, few.first_cue, poses, by, others)
+    return Overlays(sample.drive, sample.first_cue, poses, by, observations)
 
 
-def write_verification(found: Verification, data: LoadedDrive, initial_pose: InitialPose, path: Path) -> None:
+def write_verification(
+    verification: Verification, data: LoadedDrive, initial_pose: InitialPose, path: Path
+) -> None:
     """Write the page about a verification: the verdict axis by axis, and both transforms on the images.
 
     Args:
-        found: Verdict, checks, and the pose that was found.
+        verification: Verdict, checks, and the pose that was found.
         data: The drive that it was found on.
         initial_pose: The transform that was verified.
         path: HTML file to write.
@@ -179,29 +182,31 @@ def write_verification(found: Verification, data: LoadedDrive, initial_pose: Ini
         InputError: an image is missing or wrong, or the file cannot be written. An existing file then stays unchanged.
     """
     name, record = initial_pose.name, initial_pose.record
-    staying = apply_result(record, data.drive, name)
+    applied = apply_result(record, data.drive, name)
     camera = []
-    if record is not None and record.has_found_camera and "camera" not in dict(staying.changes):
+    if record is not None and record.has_found_camera and "camera" not in dict(applied.changes):
         camera = [f"The camera is that of {name}, estimated together with the transform."]
-    farthest = max((abs(check.offset) + (check.half_width or 0.0)) / check.allowed for check in found.checks)
+    farthest = max(
+        (abs(check.offset) + (check.half_width or 0.0)) / check.allowed for check in verification.checks
+    )
     page = render_page(
         "report/verification.html",
         ("report/image.js", "report/images.js"),
-        verdict=Verdict(
-            found.verdict,
-            TITLES[found.verdict],
-            found.sentence,
-            "" if found.is_reasoned else "; ".join(overall_offsets(found.checks)),
-            linked(found.reasons, found.topics),
+        verdict=PageVerdict(
+            verification.verdict,
+            TITLES[verification.verdict],
+            verification.sentence,
+            "" if verification.is_reasoned else "; ".join(overall_offsets(verification.checks)),
+            link_reasons(verification.reasons, verification.topics),
         ),
-        notices=(*camera, *staying.sentences, *found.notes),
+        notices=(*camera, *applied.sentences, *verification.notes),
         name=name,
         drive=data.drive,
-        checks=found.checks,
+        checks=verification.checks,
         check_names=CHECK_NAMES,
-        reach=min(BEYOND * max(1.0, farthest), FARTHEST),
-        images=make_images(both_overlays(found, data, initial_pose)),
+        reach=min(REACH * max(1.0, farthest), MAX_REACH),
+        images=make_images(both_overlays(verification, data, initial_pose)),
         verified=T_notation(initial_pose.T_camera_lidar),
-        found=T_notation(found.T_camera_lidar),
+        found=T_notation(verification.T_camera_lidar),
     )
     write_text(page, path)

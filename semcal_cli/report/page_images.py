@@ -16,7 +16,15 @@ import PIL.Image
 import PIL.WebPImagePlugin
 
 from semcal_cli.geometry.arrays import Image
-from semcal_cli.report.colors import DISAGREES, Coloring, PageColors, coloring_of, first_coloring, page_colors
+from semcal_cli.report.colors import (
+    DISAGREES,
+    ColorMeaning,
+    PageColors,
+    coloring_of,
+    first_coloring,
+    hex_legend,
+    page_colors,
+)
 from semcal_cli.report.overlays import Overlays, edge_image, image_of
 from semcal_cli.report.points import FramePoints, frame_points
 from semcal_cli.threads import thread_pool
@@ -35,7 +43,7 @@ QUALITY, EFFORT = 60, 2
 """Settings of WebP's encoder."""
 SHRINK = 0.95
 """Factor on the width of an image; its bytes fall a little slower than its pixels."""
-SEEN_PX = 2.0
+MIN_VISIBLE_PX = 2.0
 """Displacement below which no motion is visible."""
 CELLS, WINDOW = 30, (3, 5)
 """Number of cells across an image in which disagreeing points are counted, and cells of the magnified part."""
@@ -59,7 +67,7 @@ class FrameImage:
     agreements: tuple[float | None, ...]
     """Share of the visible points that agree, by drawn pose."""
     points: dict[str, object]
-    """See `FramePoints.packed`."""
+    """See `FramePoints.encode`."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,7 @@ class FrameImages:
     """Captions of the poses. Only the last pose is drawn if no motion between them is visible."""
     best: FrameImage
     """The image on which most points agree."""
-    by: Coloring
+    by: ColorMeaning
     """Meaning of the colours at first."""
     others: tuple[FrameImage, ...]
     """All others, in the order of the drive."""
@@ -94,7 +102,7 @@ class FrameImages:
     @property
     def is_moved(self) -> bool:
         """Whether the motion of points between the poses is visible."""
-        return self.moved_px is not None and self.moved_px[1] >= SEEN_PX
+        return self.moved_px is not None and self.moved_px[1] >= MIN_VISIBLE_PX
 
     @property
     def num_frames(self) -> int:
@@ -112,35 +120,43 @@ def make_images(overlays: Overlays) -> FrameImages:
         InputError: an image is missing or wrong.
     """
     observations, views = overlays.observations, list(overlays.views.values())
-    together, frames = overlays.together, range(observations.num_frames)
+    is_associated, frames = overlays.is_associated, range(observations.num_frames)
     with thread_pool() as pool:
-        found = list(pool.map(lambda frame: frame_points(views, frame, together), frames))
-        moved_px = _moved_px(found) if len(views) > 1 else None
-        if moved_px is not None and moved_px[1] < SEEN_PX:
-            found = [points._replace(poses=points.poses[-1:]) for points in found]
-        best = _best(found)
-        num_shares = len(found) + BEST_SHARES - 1
+        points_of_frames = list(pool.map(lambda frame: frame_points(views, frame, is_associated), frames))
+        moved_px = _moved_px(points_of_frames) if len(views) > 1 else None
+        if moved_px is not None and moved_px[1] < MIN_VISIBLE_PX:
+            points_of_frames = [points._replace(poses=points.poses[-1:]) for points in points_of_frames]
+        best = _best_frame(points_of_frames)
+        num_shares = len(points_of_frames) + BEST_SHARES - 1
         shares = [Fraction(BEST_SHARES if frame == best else 1, num_shares) for frame in frames]
-        made = list(pool.map(lambda frame: _pack(overlays, frame, found[frame], shares[frame]), frames))
-    shown = np.concatenate([points.classes[points.poses[-1].is_visible] for points in found])
+        images = list(
+            pool.map(lambda frame: _pack(overlays, frame, points_of_frames[frame], shares[frame]), frames)
+        )
+    visible_classes = np.concatenate(
+        [points.classes[points.poses[-1].is_visible] for points in points_of_frames]
+    )
     return FrameImages(
         captions=tuple(overlays.poses),
-        best=made[best],
+        best=images[best],
         by=overlays.by,
-        others=tuple(image for frame, image in enumerate(made) if frame != best),
-        worst=_worst(found, made) if first_coloring(observations) == "class" else None,
+        others=tuple(image for frame, image in enumerate(images) if frame != best),
+        worst=_worst_crop(points_of_frames, images) if first_coloring(observations) == "class" else None,
         moved_px=moved_px,
-        colors=page_colors(observations, shown),
+        colors=page_colors(observations, visible_classes),
     )
 
 
-def _best(found: Sequence[FramePoints]) -> int:
+def _best_frame(points_of_frames: Sequence[FramePoints]) -> int:
     """Find the frame on which most points agree, among those that show enough points."""
-    shown = [points.poses[-1] for points in found]
-    enough = 0.5 * float(np.median([points.num_judged for points in shown]))
+    last_poses = [points.poses[-1] for points in points_of_frames]
+    min_judged = 0.5 * float(np.median([points.num_judged for points in last_poses]))
     return max(
-        range(len(shown)),
-        key=lambda frame: (shown[frame].num_judged >= enough, shown[frame].agreement or 0.0, -frame),
+        range(len(last_poses)),
+        key=lambda frame: (
+            last_poses[frame].num_judged >= min_judged,
+            last_poses[frame].agreement or 0.0,
+            -frame,
+        ),
     )
 
 
@@ -155,21 +171,21 @@ def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) 
         ground = "photograph" if is_photograph else "labels"
     height, width = image.shape[:2]
     bytes_per_point = 1 + 6 * len(points.poses)
-    most = min(MAX_POINTS, int(share * MAX_POINT_BYTES / bytes_per_point))
+    max_points = min(MAX_POINTS, int(share * MAX_POINT_BYTES / bytes_per_point))
     return FrameImage(
         name=overlays.frame_names[frame],
         number=frame,
         width=width,
         height=height,
         ground=ground,
-        uri=data_uri(image, min(MAX_BYTES, int(share * MAX_IMAGE_BYTES))),
+        uri=data_uri(image, share),
         agreements=tuple(None if observations.has_segments else pose.agreement for pose in points.poses),
-        points=points.thinned(most).packed(width, height),
+        points=points.thin(max_points).encode(width, height),
     )
 
 
-def _worst(found: Sequence[FramePoints], made: Sequence[FrameImage]) -> Crop | None:
-    crops = map(_crop, found, made)
+def _worst_crop(points_of_frames: Sequence[FramePoints], images: Sequence[FrameImage]) -> Crop | None:
+    crops = map(_crop, points_of_frames, images)
     worst = max(crops, key=lambda crop: (crop.num_disagreeing, -crop.image.number))
     return worst if worst.num_disagreeing >= MIN_DISAGREEING else None
 
@@ -179,11 +195,11 @@ def _crop(points: FramePoints, image: FrameImage) -> Crop:
     pose = points.poses[-1]
     size_px = image.width / CELLS
     rows = max(WINDOW[0], math.ceil(image.height / size_px))
-    judged = pose.is_visible & (pose.kinds <= DISAGREES)
-    cells = np.floor((pose.positions[judged] + 0.5) / size_px).astype(np.intp)
+    is_judged = pose.is_visible & (pose.kinds <= DISAGREES)
+    cells = np.floor((pose.positions[is_judged] + 0.5) / size_px).astype(np.intp)
     u, v = cells[:, 0].clip(0, CELLS - 1), cells[:, 1].clip(0, rows - 1)
     counts = np.zeros((2, rows, CELLS))
-    np.add.at(counts[0], (v, u), pose.kinds[judged] == DISAGREES)
+    np.add.at(counts[0], (v, u), pose.kinds[is_judged] == DISAGREES)
     np.add.at(counts[1], (v, u), 1.0)
     sums = np.lib.stride_tricks.sliding_window_view(counts, WINDOW, axis=(1, 2)).sum(axis=(3, 4))
     row, column = np.unravel_index(int(sums[0].argmax()), sums[0].shape)
@@ -193,15 +209,31 @@ def _crop(points: FramePoints, image: FrameImage) -> Crop:
     return Crop(image, window, int(sums[0, row, column]), int(sums[1, row, column]))
 
 
-def _moved_px(found: Sequence[FramePoints]) -> tuple[float, float]:
-    moved = np.concatenate([points.moved_px() for points in found])
-    if len(moved) == 0:
+def _moved_px(points_of_frames: Sequence[FramePoints]) -> tuple[float, float]:
+    distances_px = np.concatenate([points.moved_px() for points in points_of_frames])
+    if len(distances_px) == 0:
         return math.inf, math.inf
-    return float(np.median(moved)), float(np.quantile(moved, 0.95))
+    return float(np.median(distances_px)), float(np.quantile(distances_px, 0.95))
 
 
-def data_uri(image: Image, max_bytes: int) -> str:
-    """Encode an image as a data URI, and shrink it until it is small enough."""
+def overlay_uri(overlays: Overlays, share: Fraction) -> tuple[str, dict[str, str]]:
+    """Draw the points of the first frame at its only pose, as a data URI, and the legend of their colours.
+
+    Args:
+        overlays: A frame and a pose.
+        share: Share of the image in the bytes of all images of the page.
+
+    Raises:
+        InputError: the image is missing or wrong.
+    """
+    images, legend = overlays.draw(0)
+    (image,) = images.values()
+    return data_uri(image, share), hex_legend(legend)
+
+
+def data_uri(image: Image, share: Fraction) -> str:
+    """Encode an image as a data URI, and shrink it until it fits its share of the bytes of all images."""
+    max_bytes = min(MAX_BYTES, int(share * MAX_IMAGE_BYTES))
     columns = min(image.shape[1], MAX_COLUMNS)
     content = _webp(image, columns)
     while len(content) > max_bytes and columns > MIN_COLUMNS:

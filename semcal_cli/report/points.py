@@ -17,13 +17,13 @@ from semcal_cli.observations.motion import points_at, unrolled
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.report.colors import AGREES, DISAGREES, HIDDEN, NO_PAIR, coloring_of, depth_levels, is_edge
 
-NOT_SEEN = 255
+OUTSIDE = 255
 """Kind of a point outside the image."""
-TOP = 65_535
-"""Largest value of packed positions, at the end of the image's longer side."""
+MAX_POSITION = 65_535
+"""Largest value of encoded positions, at the end of the image's longer side."""
 
 
-class Seen(NamedTuple):
+class ProjectedPoints(NamedTuple):
     """Points that project into an image, farthest first."""
 
     indices: npt.NDArray[np.intp]
@@ -39,12 +39,14 @@ class Seen(NamedTuple):
         return np.rint(self.positions).astype(np.intp)
 
 
-def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
+def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> ProjectedPoints:
     """Find the points (N, 3), metres, LiDAR frame, that project into the image, and mark the hidden ones among them."""
     projected = core.project_points(core_camera(camera), points, T_camera_lidar)
-    seen = np.flatnonzero(np.isfinite(projected.ranges))
-    seen = seen[np.argsort(-projected.ranges[seen], kind="stable")]
-    return Seen(seen, projected.pixels[seen], projected.ranges[seen], projected.is_hidden[seen])
+    indices = np.flatnonzero(np.isfinite(projected.ranges))
+    indices = indices[np.argsort(-projected.ranges[indices], kind="stable")]
+    return ProjectedPoints(
+        indices, projected.pixels[indices], projected.ranges[indices], projected.is_hidden[indices]
+    )
 
 
 class View(NamedTuple):
@@ -53,7 +55,7 @@ class View(NamedTuple):
     observations: Observations
     T_camera_lidar: Pose
 
-    def seen_in_frame(self, frame: int) -> Seen:
+    def project_frame(self, frame: int) -> ProjectedPoints:
         """Find the points of a frame in its image, each at the moment its row is exposed."""
         points = points_at(self.observations, frame, self.T_camera_lidar)
         return points_in_image(points, self.T_camera_lidar, self.observations.camera)
@@ -63,32 +65,39 @@ class View(NamedTuple):
         return core.agreement(unrolled(self.observations, self.T_camera_lidar).core, self.T_camera_lidar)
 
 
-def goes_together(agreement: core.Agreement) -> npt.NDArray[np.bool_]:
-    """Mask of the classes of points (rows) and of pixels that occur together more often than by chance."""
-    return over_chance(agreement.joint) > 1.0
+def associated_classes(agreement: core.Agreement) -> npt.NDArray[np.bool_]:
+    """Return a mask of the classes of points (rows) and of pixels (columns) that co-occur more often than by chance.
+
+    Their pointwise mutual information is positive.
+    """
+    return pmi_ratio(agreement.joint) > 1.0
 
 
-def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Ratio of each pair's frequency to its frequency by chance, p(x, y) / (p(x) p(y)); 0 for a pair never seen."""
+def pmi_ratio(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the frequency of each pair relative to chance, p(x, y) / (p(x) p(y)); 0 for a pair never seen."""
     by_chance = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
     return np.asarray(joint / np.where(by_chance > 0.0, by_chance, 1.0))
 
 
 def at_pixels(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
-    """Values of an image at the pixels (M, 2), (u, v), or at the nearest ones inside."""
+    """Return the values of an image at the pixels (M, 2), (u, v), or at the nearest ones inside."""
     u, v = pixels.T
     return np.asarray(image[v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)])
 
 
-def kinds_of(
-    observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
+def agreement_kinds(
+    observations: Observations, frame: int, projection: ProjectedPoints, is_associated: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.intp]:
-    """Index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label."""
-    point = observations.clouds[frame].classes[seen.indices]
-    pixel = at_pixels(observations.images[frame].classes, seen.pixels)
-    labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
-    kinds = np.full(len(point), NO_PAIR, np.intp)
-    kinds[labelled] = np.where(seen.is_hidden[labelled], HIDDEN, ~together[point[labelled], pixel[labelled]])
+    """Return the index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label."""
+    point_classes = observations.clouds[frame].classes[projection.indices]
+    pixel_classes = at_pixels(observations.images[frame].classes, projection.pixels)
+    is_labelled = (point_classes != NO_CLASS) & (pixel_classes != NO_CLASS)
+    kinds = np.full(len(point_classes), NO_PAIR, np.intp)
+    kinds[is_labelled] = np.where(
+        projection.is_hidden[is_labelled],
+        HIDDEN,
+        ~is_associated[point_classes[is_labelled], pixel_classes[is_labelled]],
+    )
     return kinds
 
 
@@ -105,7 +114,7 @@ class PosePoints(NamedTuple):
     @property
     def is_visible(self) -> npt.NDArray[np.bool_]:
         """(N,) whether a point is in the image and not hidden."""
-        return np.asarray((self.kinds != NOT_SEEN) & (self.kinds != HIDDEN))
+        return np.asarray((self.kinds != OUTSIDE) & (self.kinds != HIDDEN))
 
     @property
     def num_judged(self) -> int:
@@ -129,67 +138,73 @@ class FramePoints(NamedTuple):
     by_edge: bool = False
     """Whether classes are steps next to the points."""
 
-    def thinned(self, count: int) -> FramePoints:
+    def thin(self, count: int) -> FramePoints:
         """Keep at most `count` points, evenly spaced in their order, preferring those with an edge."""
         is_first = is_edge(self.classes) if self.by_edge else np.zeros(len(self.classes), bool)
-        first = thinned(is_first, count)
-        kept = np.sort(np.concatenate([first, thinned(~is_first, count - len(first))]))
-        poses = tuple(PosePoints(*(each[kept] for each in pose)) for pose in self.poses)
-        return FramePoints(self.indices[kept], self.classes[kept], poses, self.by_edge)
+        chosen_first = choose_evenly(is_first, count)
+        chosen = np.sort(np.concatenate([chosen_first, choose_evenly(~is_first, count - len(chosen_first))]))
+        poses = tuple(PosePoints(*(array[chosen] for array in pose)) for pose in self.poses)
+        return FramePoints(self.indices[chosen], self.classes[chosen], poses, self.by_edge)
 
     def moved_px(self) -> npt.NDArray[np.float64]:
-        """Distances in pixels between the first and the last pose, of points visible at both."""
+        """Return the distances in pixels between the first and the last pose, of points visible at both."""
         first, last = self.poses[0], self.poses[-1]
-        both = first.is_visible & last.is_visible
-        return np.asarray(np.linalg.norm(last.positions[both] - first.positions[both], axis=1))
+        is_in_both = first.is_visible & last.is_visible
+        return np.asarray(np.linalg.norm(last.positions[is_in_both] - first.positions[is_in_both], axis=1))
 
-    def packed(self, width: int, height: int) -> dict[str, object]:
+    def encode(self, width: int, height: int) -> dict[str, object]:
         """Write the arrays as base64 for a page's script; positions as uint16 from the image's corner."""
-        scale = TOP / max(width, height)
+        scale = MAX_POSITION / max(width, height)
 
-        def of_pose(pose: PosePoints) -> dict[str, str]:
-            positions = np.clip(np.rint((pose.positions + 0.5) * scale), 0, TOP).astype("<u2")
+        def encode_pose(pose: PosePoints) -> dict[str, str]:
+            positions = np.clip(np.rint((pose.positions + 0.5) * scale), 0, MAX_POSITION).astype("<u2")
             return {
-                "positions": packed(positions),
-                "kinds": packed(pose.kinds),
-                "levels": packed(pose.levels),
+                "positions": encode_base64(positions),
+                "kinds": encode_base64(pose.kinds),
+                "levels": encode_base64(pose.levels),
             }
 
-        return {"scale": scale, "classes": packed(self.classes), "poses": [*map(of_pose, self.poses)]}
+        return {
+            "scale": scale,
+            "classes": encode_base64(self.classes),
+            "poses": [*map(encode_pose, self.poses)],
+        }
 
 
-def frame_points(views: Sequence[View], frame: int, together: npt.NDArray[np.bool_]) -> FramePoints:
+def frame_points(views: Sequence[View], frame: int, is_associated: npt.NDArray[np.bool_]) -> FramePoints:
     """Project the points of a frame.
 
     Args:
         views: Poses, and the same points and label images as their cameras see them.
         frame: Number of the frame, from 0.
-        together: Classes of points (rows) and of pixels that go together, as `goes_together` returns.
+        is_associated: Mask of the classes that `associated_classes` returns.
     """
     observations = views[-1].observations
     cloud = observations.clouds[frame]
-    seen = [view.seen_in_frame(frame) for view in views]
+    projections = [view.project_frame(frame) for view in views]
     # Farthest first at the last pose, after points that only another pose shows.
-    order = seen[-1].indices
-    for each in seen[:-1]:
-        order = np.concatenate([each.indices[~np.isin(each.indices, order)], order])
-    found = []
-    for each in seen:
+    order = projections[-1].indices
+    for projection in projections[:-1]:
+        order = np.concatenate([projection.indices[~np.isin(projection.indices, order)], order])
+    poses = []
+    for projection in projections:
         positions = np.zeros((cloud.num_points, 2))
-        kinds = np.full(cloud.num_points, NOT_SEEN, np.uint8)
+        kinds = np.full(cloud.num_points, OUTSIDE, np.uint8)
         levels = np.zeros(cloud.num_points, np.uint8)
-        positions[each.indices] = each.positions
-        kinds[each.indices] = np.where(each.is_hidden, HIDDEN, kinds_of(observations, frame, each, together))
-        levels[each.indices] = depth_levels(each.ranges_m)
-        found.append(PosePoints(positions[order], kinds[order], levels[order]))
-    return FramePoints(order, cloud.classes[order], tuple(found), coloring_of(observations) == "edge")
+        positions[projection.indices] = projection.positions
+        kinds[projection.indices] = np.where(
+            projection.is_hidden, HIDDEN, agreement_kinds(observations, frame, projection, is_associated)
+        )
+        levels[projection.indices] = depth_levels(projection.ranges_m)
+        poses.append(PosePoints(positions[order], kinds[order], levels[order]))
+    return FramePoints(order, cloud.classes[order], tuple(poses), coloring_of(observations) == "edge")
 
 
-def thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
-    """Indices of at most `count` evenly spaced points among those that a mask (N,) selects."""
+def choose_evenly(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
+    """Return the indices of at most `count` evenly spaced points among those that a mask (N,) selects."""
     return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
 
 
-def packed(array: npt.NDArray[np.generic]) -> str:
+def encode_base64(array: npt.NDArray[np.generic]) -> str:
     """Write an array as base64."""
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

@@ -37,24 +37,29 @@ UNKNOWN_COLOR = (128, 128, 128)
 POINT_RADIUS_PX = 1.5
 
 
-def cameras_of(extrinsic: Extrinsic, begun: Camera, used: Camera) -> dict[str, tuple[Pose, Camera]]:
+def cameras_of(
+    extrinsic: Extrinsic, initial_camera: Camera, result_camera: Camera
+) -> dict[str, tuple[Pose, Camera]]:
     """List the poses of a calibration by name, with the cameras that they belong to.
 
     They are its hypotheses, its stages in order, and its result. A transform in another format is the only one.
 
     Args:
         extrinsic: The calibration.
-        begun: Camera that the calibration started with.
-        used: Camera that the result belongs to, and the stage that estimated it.
+        initial_camera: Camera that the calibration started with.
+        result_camera: Camera that the result belongs to, and the stage that estimated it.
     """
-    calibration, result = extrinsic.record, {"result": (extrinsic.T_camera_lidar, used)}
+    calibration, result = extrinsic.record, {"result": (extrinsic.T_camera_lidar, result_camera)}
     if calibration is None:
         return result
-    found = {f"hypothesis_{index}": (each.pose, begun) for index, each in enumerate(calibration.hypotheses)}
+    cameras = {
+        f"hypothesis_{index}": (hypothesis.pose, initial_camera)
+        for index, hypothesis in enumerate(calibration.hypotheses)
+    }
     for name, stage in calibration.stages.items():
-        camera = used if name == "joint" else begun
-        found[f"stage_{name}"] = np.array(stage.T_camera_lidar), camera
-    return found | result
+        camera = result_camera if name == "joint" else initial_camera
+        cameras[f"stage_{name}"] = np.array(stage.T_camera_lidar), camera
+    return cameras | result
 
 
 def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: Path) -> None:
@@ -102,7 +107,7 @@ def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: 
             colors = _height_colors(cloud.points)
         points = rr.Points3D(cloud.points, class_ids=ids, colors=colors, radii=-POINT_RADIUS_PX)
         stream.log(f"{LIDAR}/points", points)
-        stream.log(f"{entity}/image", _image(drive, frame))
+        stream.log(f"{entity}/image", _frame_image(drive, frame))
         if observations.image_class_names:
             labels = rr.SegmentationImage(observations.images[index].classes, opacity=0.5)
             stream.log(f"{entity}/labels", labels)
@@ -133,8 +138,8 @@ def _log_classes(stream: rr.RecordingStream, entity: str, names: Sequence[str], 
     stream.log(entity, rr.AnnotationContext(table), static=True)
 
 
-def _image(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.Image:
-    """The image of a frame, in the bytes of its file where the viewer reads them."""
+def _frame_image(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.Image:
+    """Return the image of a frame, in the bytes of its file where the viewer reads them."""
     if frame.image is None:
         return rr.Clear(recursive=False)  # otherwise the previous one would stay
     file = drive.resolve(frame.image)
@@ -148,7 +153,7 @@ def _image(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.Image:
 
 
 def _height_colors(points: np.ndarray) -> np.ndarray:
-    """Colours (N, 3) from dark to light by height, between the 2nd and the 98th percentile."""
+    """Return colours (N, 3) from dark to light by height, between the 2nd and the 98th percentile."""
     if len(points) == 0:
         return np.zeros((0, 3), np.uint8)
     low, high = np.percentile(points[:, 2], (2, 98))

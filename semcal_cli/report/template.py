@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from semcal_cli.documentation import entry_address
+from semcal_cli.report.notations import T_notation, pair_notation
 from semcal_cli.result.provenance import versions
 
 PACKAGE = Path(__file__).parents[1]
@@ -23,6 +24,7 @@ ENVIRONMENT = Environment(
     keep_trailing_newline=True,
 )
 """Templates by their path in the package."""
+ENVIRONMENT.globals |= {"T_notation": T_notation, "pair_notation": pair_notation}
 ENVIRONMENT.filters |= {"signed": lambda text: text.replace("+-", "\u00b1"), "counted": "{:,}".format}
 
 
@@ -35,13 +37,19 @@ class Reason(NamedTuple):
     """Address of the documentation that explains it; None if it has no entry."""
 
 
-def linked(reasons: Sequence[str], topics: Sequence[str]) -> tuple[Reason, ...]:
-    """Link reasons to their entries in the documentation; older files have no topics, so nothing is linked."""
+def link_reasons(reasons: Sequence[str], topics: Sequence[str] = (), prefix: str = "") -> tuple[Reason, ...]:
+    """Link reasons to their entries in the documentation.
+
+    Args:
+        reasons: Sentences.
+        topics: Topic of each reason; empty if there are none, as in older files, so that nothing is linked.
+        prefix: Text before each reason.
+    """
     addresses = map(entry_address, topics) if topics else repeat(None, len(reasons))
-    return tuple(Reason(*each) for each in zip(reasons, addresses, strict=True))
+    return tuple(Reason(prefix + reason, address) for reason, address in zip(reasons, addresses, strict=True))
 
 
-class Verdict(NamedTuple):
+class PageVerdict(NamedTuple):
     """The verdict at the head of a page."""
 
     status: str

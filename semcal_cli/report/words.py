@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import listed
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
-from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.observations.cues.cue_table import maximised, recorded
 from semcal_cli.report.input import ReportInput
-from semcal_cli.report.template import Verdict, linked
+from semcal_cli.report.template import PageVerdict, link_reasons
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.refined_camera import clock_sentence, kept_sentence
 from semcal_cli.result.uncertainty import Uncertainty, figure, image_radius_px, stated_error
@@ -26,29 +26,29 @@ NOT_BELIEVED = (
 )
 
 
-def verdict(report: ReportInput) -> Verdict:
-    """Say whether the transform may be used."""
+def verdict(report: ReportInput) -> PageVerdict:
+    """State whether the transform may be used."""
     record = report.record
     if record is None:
-        return Verdict(
+        return PageVerdict(
             "not_assessed",
             TITLES["not_assessed"],
             "The file holds only a transform, not how it was found. The figures below were measured with it; "
             "semcal verify checks whether it holds.",
         )
     if not report.is_of_record:
-        return Verdict(
+        return PageVerdict(
             "not_assessed",
             "Not assessed here",
             f"On the data that it was computed from, it was {record.status.replace('_', ' ')}. The figures below were "
             "measured on other data; semcal verify checks whether it holds there.",
-            reasons=linked(record.reasons, record.topics),
+            reasons=link_reasons(record.reasons, record.topics),
         )
     return verdict_of(record)
 
 
-def verdict_of(record: CalibrationDocument) -> Verdict:
-    """Say whether the transform of a calibration may be used, and how good it is."""
+def verdict_of(record: CalibrationDocument) -> PageVerdict:
+    """State whether the transform of a calibration may be used, and how good it is."""
     sentence = {
         "trusted": "No check found a problem.",
         "not_trusted": "Reasons:",
@@ -57,55 +57,56 @@ def verdict_of(record: CalibrationDocument) -> Verdict:
     figures = ""
     if record.believed_uncertainty is not None:
         figures = stated_error(record.believed_uncertainty, record.used_camera)
-    reasons = linked(record.reasons, record.topics)
-    return Verdict(record.status, TITLES[record.status], sentence, figures, reasons)
+    reasons = link_reasons(record.reasons, record.topics)
+    return PageVerdict(record.status, TITLES[record.status], sentence, figures, reasons)
 
 
 def uncertainty_sentences(record: CalibrationDocument, camera: Camera) -> list[str]:
-    """Say how uncertain a pose is, and how far that moves points in the image."""
+    """Describe how uncertain a pose is, and how far that moves points in the image."""
     if record.uncertainty is None:
         return [f"Its error is unknown: {_why_unknown(record)}."]
     if record.believed_uncertainty is None:
         return [NOT_BELIEVED, *_of_seeds(record)]
-    found = record.believed_uncertainty
-    x, y, z = (100.0 * half for half in found.half_width_95_camera_center_m)
-    pitch, yaw, roll = found.half_width_95_rotation_deg
+    uncertainty = record.believed_uncertainty
+    x, y, z = (100.0 * half for half in uncertainty.half_width_95_camera_center_m)
+    pitch, yaw, roll = uncertainty.half_width_95_rotation_deg
     sentences = [
         f"The camera is within {figure(x)} cm of the stated position to the left or right, {figure(y)} cm up or down, "
         f"and {figure(z)} cm forward or back; its rotation is within {figure(pitch)} degrees in pitch, "
         f"{figure(yaw)} in yaw and {figure(roll)} in roll. Each of these holds in 95 of 100 calibrations.",
-        *_in_the_image(found, camera),
-        *(f"Weak {direction}." for direction in found.weak_directions),
+        *_in_the_image(uncertainty, camera),
+        *(f"Weak {direction}." for direction in uncertainty.weak_directions),
     ]
-    if found.label_bleed is not None:
-        moved_cm = 100.0 * math.hypot(*found.label_bleed.camera_center_m)
-        turned_deg = math.hypot(*found.label_bleed.rotation_deg)
+    if uncertainty.label_bleed is not None:
+        shift_cm = 100.0 * math.hypot(*uncertainty.label_bleed.camera_center_m)
+        rotation_deg = math.hypot(*uncertainty.label_bleed.rotation_deg)
         sentences.append(
-            f"If labels bled by one pixel in all images, the camera would be off by {figure(moved_cm)} cm and "
-            f"{figure(turned_deg)} degrees. More frames do not reduce that; better labels do."
+            f"If labels bled by one pixel in all images, the camera would be off by {figure(shift_cm)} cm and "
+            f"{figure(rotation_deg)} degrees. More frames do not reduce that; better labels do."
         )
-    if found.intrinsics_cost is not None:
-        moved_m, turned_deg = found.intrinsics_cost.together
+    if uncertainty.intrinsics_cost is not None:
+        shift_m, rotation_deg = uncertainty.intrinsics_cost.together
         sentences.append(
             f"If cx and cy were off by 1 pixel and fx and fy by 0.1 %, the camera would be off by "
-            f"{figure(100.0 * moved_m)} cm and {figure(turned_deg)} degrees. All frames share K, so more frames do "
+            f"{figure(100.0 * shift_m)} cm and {figure(rotation_deg)} degrees. All frames share K, so more frames do "
             f"not reduce that: {_what_intervals_include(record)}."
         )
     return [*sentences, *_of_seeds(record)]
 
 
 def _of_seeds(record: CalibrationDocument) -> list[str]:
-    """Say how far the poses of other seeds differ, if there are any."""
-    repeated = record.repeatability
-    if repeated is None:
+    """Describe how far the poses of other seeds differ, if there are any."""
+    repeatability = record.repeatability
+    if repeatability is None:
         return []
-    far = f"{figure(100.0 * repeated.farthest_camera_center_m)} cm and {figure(repeated.farthest_rotation_deg)} degrees"
-    failed = f"; {repeated.num_failed} failed" if repeated.num_failed else ""
-    return [f"The poses of {repeated.num_seeds} seeds differ from it by up to {far}{failed}."]
+    cm, deg = 100.0 * repeatability.farthest_camera_center_m, repeatability.farthest_rotation_deg
+    farthest = f"{figure(cm)} cm and {figure(deg)} degrees"
+    failed = f"; {repeatability.num_failed} failed" if repeatability.num_failed else ""
+    return [f"The poses of {repeatability.num_seeds} seeds differ from it by up to {farthest}{failed}."]
 
 
 def _what_intervals_include(record: CalibrationDocument) -> str:
-    """Say which errors of K are part of the intervals."""
+    """Name the errors of K that are part of the intervals."""
     if record.camera is not None and record.camera.is_kept:
         return "K was estimated together with the pose, and the intervals include its uncertainty"
     if record.camera is not None:
@@ -120,44 +121,44 @@ def _what_intervals_include(record: CalibrationDocument) -> str:
 
 
 def camera_sentences(record: CalibrationDocument) -> list[str]:
-    """Say whether the intrinsics and the clock that were estimated are used; empty if none were."""
+    """State whether the intrinsics and the clock that were estimated are used; empty if none were."""
     sentences = []
     if record.camera is not None:
-        link, said = "and" if record.camera.is_kept else "but", kept_sentence(record.camera)
-        sentences.append(f"The intrinsics were estimated together with the pose, {link} {said}.")
+        conjunction, sentence = "and" if record.camera.is_kept else "but", kept_sentence(record.camera)
+        sentences.append(f"The intrinsics were estimated together with the pose, {conjunction} {sentence}.")
     if record.clock is not None:
-        said = clock_sentence(record.clock)
-        sentences.append(f"{said[:1].upper()}{said[1:]}.")
+        sentence = clock_sentence(record.clock)
+        sentences.append(f"{sentence[:1].upper()}{sentence[1:]}.")
     return sentences
 
 
-def frame_sentences(found: FrameOffsets, names: Sequence[str], num_parts: int) -> list[str]:
-    """Say how far the poses of single frames, whose names are given, lie from what their part of the drive fits."""
-    determined, is_within = found.is_determined, found.is_within
+def frame_sentences(offsets: FrameOffsets, names: Sequence[str], num_parts: int) -> list[str]:
+    """Describe how far the poses of single frames lie from what their part of the drive fits."""
+    is_determined, is_within = offsets.is_determined, offsets.is_within
     sentences, fitted = [], "the result"
     if num_parts:
         fitted = "the pose of their part"
         sentences.append(
             f"The frames fit {num_parts} poses: the dashed steps show those of the parts of the drive."
         )
-    if determined.any():
-        apart = (found.offsets - found.of_parts)[determined]
-        scatter = np.sqrt((apart**2).mean(axis=0))
+    if is_determined.any():
+        residuals = (offsets.offsets - offsets.of_parts)[is_determined]
+        scatter = np.sqrt((residuals**2).mean(axis=0))
         far_cm, far_deg = 100.0 * float(np.linalg.norm(scatter[:3])), float(np.linalg.norm(scatter[3:]))
-        beyond = np.flatnonzero(determined & ~is_within.all(axis=1)).tolist()
-        which = f" The others belong to {listed(names[frame] for frame in beyond)}." if beyond else ""
+        outliers = np.flatnonzero(is_determined & ~is_within.all(axis=1)).tolist()
+        which = f" The others belong to {listed(names[frame] for frame in outliers)}." if outliers else ""
         sentences.append(
-            f"{int(is_within.sum())} of {6 * int(determined.sum())} intervals contain {fitted}, and the frames scatter "
-            f"around it by {figure(far_cm)} cm and {figure(far_deg)} degrees.{which}"
+            f"{int(is_within.sum())} of {6 * int(is_determined.sum())} intervals contain {fitted}, and the frames "
+            f"scatter around it by {figure(far_cm)} cm and {figure(far_deg)} degrees.{which}"
         )
-    if not determined.all():
-        nothing = listed(names[frame] for frame in np.flatnonzero(~determined).tolist())
-        sentences.append(f"Frames whose own labels do not determine a pose: {nothing}.")
+    if not is_determined.all():
+        undetermined = listed(names[frame] for frame in np.flatnonzero(~is_determined).tolist())
+        sentences.append(f"Frames whose own labels do not determine a pose: {undetermined}.")
     return sentences
 
 
 def runner_up_sentences(record: CalibrationDocument) -> list[str]:
-    """Say how much worse the best other mounting is; empty without another one."""
+    """State how much worse the best other mounting is; empty without another one."""
     margin = record.quality.runner_up_margin
     if margin is None:
         return []
@@ -169,22 +170,25 @@ def runner_up_sentences(record: CalibrationDocument) -> list[str]:
 
 
 def polish_sentences(record: CalibrationDocument) -> list[str]:
-    """Say what the polish gained on data that it did not use; empty if nothing was polished."""
+    """Describe what the polish gained on data that it did not use; empty if nothing was polished."""
     if record.polish is None:
         return []
-    kept, judged = "not kept", "lost information"
+    decision, outcome = "not kept", "lost information"
     if record.polish.accepted:
         lost = record.polish.held_out_gain_nats < 0.0
-        kept, judged = "kept", "lost no more information than by chance" if lost else "gained information"
+        decision, outcome = (
+            "kept",
+            "lost no more information than by chance" if lost else "gained information",
+        )
     gain = _held_out(record, 1.0) or "standard error unknown"
-    return [f"The polish was {kept}: held-out data {judged} ({gain})."]
+    return [f"The polish was {decision}: held-out data {outcome} ({gain})."]
 
 
 def _why_unknown(record: CalibrationDocument) -> str:
-    polished = record.polish
-    if polished is None:
+    polish = record.polish
+    if polish is None:
         return "the pose was not polished"
-    if "fused" in record.stages or polished.accepted:
+    if "fused" in record.stages or polish.accepted:
         return "the labels do not determine the pose"
     lost = _held_out(record, -1.0)
     by = f", by {lost}" if lost else ""
@@ -192,7 +196,7 @@ def _why_unknown(record: CalibrationDocument) -> str:
 
 
 def _held_out(record: CalibrationDocument, sign: float) -> str:
-    """Gain of the polish on held-out data with its standard error; empty if the standard error is unknown."""
+    """Return the gain of the polish on held-out data with its standard error; empty if that is unknown."""
     assert record.polish is not None
     sigma = record.polish.held_out_sigma_nats
     unit = "AMI" if "segments" in maximised(recorded(record.settings.options.get("cues"))) else "nats"
@@ -200,11 +204,11 @@ def _held_out(record: CalibrationDocument, sign: float) -> str:
     return "" if sigma is None else f"{gain:.4f} +- {sigma:.4f} {unit}"
 
 
-def _in_the_image(found: Uncertainty, camera: Camera) -> list[str]:
+def _in_the_image(uncertainty: Uncertainty, camera: Camera) -> list[str]:
     """State how far off points straight ahead project; empty for a lens that folds on its optical axis."""
     parts = []
     for depth_m in DEPTHS_M:
-        radius_px = image_radius_px(found, camera, depth_m)
+        radius_px = image_radius_px(uncertainty, camera, depth_m)
         if radius_px is None:
             return []
         parts.append(f"{figure(radius_px)} pixels at {depth_m:g} m")

@@ -36,7 +36,7 @@ MODELS: dict[str, Any] = {
 
 
 def schema_file(key: str) -> Path:
-    """Give the file of the JSON Schema of the newest version of a document, by its first key."""
+    """Return the file of the JSON Schema of the newest version of a document, by its first key."""
     return FOLDER / schema_name(key, NEWEST_VERSION)
 
 
@@ -47,34 +47,37 @@ def schema_text(key: str) -> str:
         "$id": schema_address(key, NEWEST_VERSION),
     }
     return (
-        json.dumps(head | TypeAdapter(MODELS[key]).json_schema(schema_generator=_Described), indent=2) + "\n"
+        json.dumps(
+            head | TypeAdapter(MODELS[key]).json_schema(schema_generator=_DescribingGenerator), indent=2
+        )
+        + "\n"
     )
 
 
-class _Described(GenerateJsonSchema):
-    """Describes each property by the docstring of its field.
+class _DescribingGenerator(GenerateJsonSchema):
+    """Generator that describes each property by the docstring of its field.
 
     Pydantic's `use_attribute_docstrings` does the same, but reads the sources at each start of semcal.
     """
 
     def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
         """Make the JSON Schema of a model."""
-        made = super().model_schema(schema)
+        json_schema = super().model_schema(schema)
         for model in reversed(schema["cls"].mro()):
             for name, text in _docstrings(model).items() if issubclass(model, StrictModel) else ():
                 key = schema["cls"].model_fields[name].alias or name
-                described = made["properties"][key] | {"description": text}
-                made["properties"][key] = self.handle_ref_overrides(described)
-        return made
+                field_schema = json_schema["properties"][key] | {"description": text}
+                json_schema["properties"][key] = self.handle_ref_overrides(field_schema)
+        return json_schema
 
 
 def _docstrings(model: type) -> dict[str, str]:
     """Read the docstrings of the fields that a class itself defines."""
-    (found,) = ast.parse(inspect.getsource(model)).body
-    assert isinstance(found, ast.ClassDef)
+    (definition,) = ast.parse(inspect.getsource(model)).body
+    assert isinstance(definition, ast.ClassDef)
     return {
         field.target.id: inspect.cleandoc(text.value.value)
-        for field, text in pairwise(found.body)
+        for field, text in pairwise(definition.body)
         if isinstance(field, ast.AnnAssign)
         and isinstance(field.target, ast.Name)
         and isinstance(text, ast.Expr)

@@ -25,8 +25,8 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import SemcalError, check_torch
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.drives import Pool, calibrate_from
-from semcal_cli.experiments.experiment import Experiment, Report
-from semcal_cli.experiments.summary import ERRORS, NUMBER, Column, common, count, digits, median, of
+from semcal_cli.experiments.experiment_run import Experiment, Report
+from semcal_cli.experiments.summary import ERRORS, NUMBER, Column, common, count, digits, measure_of, median
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.cues.cue_table import load_cues
@@ -134,9 +134,11 @@ def run(pool: Pool, estimators: Sequence[Estimator], edge_band_px: int, case: Ca
         if estimator != "exact" and row.cue != "labels":
             continue
         result = Result(case.row, case.seed, estimator)
+        config = RefinementConfig(estimator, edge_band_px=edge_band_px)
+        data = data.with_settings(config)
         try:
             initial = initial or initialize(data, InitializationConfig(), initial_pose=initial_pose)
-            start, config = perf_counter(), RefinementConfig(estimator, edge_band_px=edge_band_px)
+            start = perf_counter()
             stages, calibration = calibrate_from(initial, data, config)
         except SemcalError as failure:
             results.append(replace(result, status=f"failed: {failure}"))
@@ -175,7 +177,7 @@ COLUMNS = (
     count("not trusted", lambda result: result.status == "not_trusted", "num_not_trusted"),
     count("wrong, not reported", lambda result: result.is_missed, "num_missed"),
     count("failed", lambda result: not math.isfinite(result.rotation_deg), "num_failed"),
-    Column("refinement, s", {"refine_s": of("refine_s", median)}, digits(1)),
+    Column("refinement, s", {"refine_s": measure_of("refine_s", median)}, digits(1)),
 )
 
 

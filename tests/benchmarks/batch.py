@@ -18,7 +18,7 @@ from time import perf_counter
 
 from benchmark import script, seconds_of, street, table
 
-from semcal_cli.many.batch.folders import check_made_by_batch, make_folder_of_drive
+from semcal_cli.many.batch.folders import check_folders, make_folder_of_drive
 from semcal_cli.many.batch.records import read_inputs, write_record
 from semcal_cli.many.batch.run import run_batch
 from semcal_cli.many.batch.tasks import Outcome, Task
@@ -65,7 +65,7 @@ def bookkeeping(folder: Path, count: int) -> Iterator[float]:
 
     for _ in range(2):
         start = perf_counter()
-        check_made_by_batch(tasks, folder / "out", folder / "out")
+        check_folders(tasks, folder / "out", folder / "out")
         run_batch(tasks, folder / "out", stub)
         yield perf_counter() - start
 

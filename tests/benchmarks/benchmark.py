@@ -24,7 +24,7 @@ from semcal_cli.cli.experiment import measure
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import CalibrationError, SemcalError
-from semcal_cli.experiments.experiment import Experiment, read_measured
+from semcal_cli.experiments.experiment_run import Experiment, read_measured
 from semcal_cli.experiments.measured import measured_here
 from semcal_cli.experiments.summary import Column, markdown_table, summarise, summary_table, table_row
 from semcal_cli.formats import read_transform

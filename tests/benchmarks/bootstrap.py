@@ -15,7 +15,7 @@ import numpy as np
 from benchmark import script, table
 from laboratory.rigs import RIGS, rig_of
 
-from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
+from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.uncertainty.sensitivity import sensitivity
 from semcal_cli.experiments.drives import NUM_FRAMES, Pool
@@ -48,7 +48,7 @@ def ratios(
     """(6,) the stated standard error over that of the resamples, for each axis."""
     polished = newton(observations, T_start, CONFIG)
     T = polished.T_camera_lidar
-    around = sensitivity(observations, T, SensitivityConfig(edge_band_px=EDGE_BAND_PX))
+    around = sensitivity(observations, T, SensitivityConfig())
     if around is None or not around.is_determined:
         return np.full(6, np.nan)
     noise, _ = around.noise(around.influence)

@@ -24,14 +24,15 @@ from laboratory.raw_drive import Labels, RawDrive, read_raw_drive, write_raw_dri
 from laboratory.rigs import RIGS, rig_of
 from laboratory.spoiled import KINDS as SPOILED, Spoil
 
+from semcal_cli.checks.registry import CHECKS
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.mounting_search import Initialization
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.summary import markdown_table
-from semcal_cli.findings.check import CHECKS, LIMITS, Evidence, Limit
+from semcal_cli.findings.check import LIMITS, Evidence, Limit
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.frame_selection import with_frames
 from semcal_cli.observations.loading import load

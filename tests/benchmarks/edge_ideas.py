@@ -22,12 +22,12 @@ from profiles import draw_profiles, profiles
 from real_data import real_drives
 
 from semcal_cli import core
-from semcal_cli.checks.rivals import sigmas_behind
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import ExactEstimator, refine_pose
 from semcal_cli.estimation.refine.several_starts import pyramid_of
+from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses

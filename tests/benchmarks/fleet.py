@@ -15,7 +15,7 @@ from benchmark import script, table
 
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.fleet_drives import Member
+from semcal_cli.fleet.fleet_drives import FleetDrive
 from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 
@@ -23,15 +23,15 @@ TRUTH = pose_from_mounting((0.0, 5.0, 30.0), (1.2, -0.3, 0.5))
 SIGMAS = np.array([0.004, 0.003, 0.006, *np.radians([0.02, 0.03, 0.01])])
 
 
-def fleet(rng: np.random.Generator, count: int, extra: float) -> list[Member]:
+def fleet(rng: np.random.Generator, count: int, extra: float) -> list[FleetDrive]:
     """Simulate one."""
-    members = []
+    drives = []
     for index in range(count):
         stated = rng.uniform(0.5, 2.0) * SIGMAS
         off = stated * rng.standard_normal(6) + extra * SIGMAS * rng.standard_normal(6)
         pose, covariance = pose_at(TRUTH, off), np.diag(stated**2)
-        members.append(Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, pose, covariance, None))
-    return members
+        drives.append(FleetDrive(f"{index:03d}", 1.7e9 + 43_200.0 * index, pose, covariance, None))
+    return drives
 
 
 def rows(fleets: int, first_seed: int) -> Iterator[tuple[object, ...]]:

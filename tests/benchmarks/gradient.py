@@ -25,9 +25,9 @@ from semcal_cli import core
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
 from semcal_cli.estimation.refine.pyramid import pyramid_factors
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report
-from semcal_cli.experiments.rivals import START_DEG, START_M
-from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, median, of
+from semcal_cli.experiments.experiment_run import Experiment, Report
+from semcal_cli.experiments.pairs_and_noise import START_DEG, START_M
+from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, measure_of, median
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, cross_matrix
 from semcal_cli.geometry.twists import apply_twist, displaced
@@ -58,7 +58,7 @@ class Objective:
             seed: Seed of the choice of points.
         """
         self.points = core.AnchoredPoints(
-            observations.core, T_start, factor=factor, edge_band_px=0, visible_only=False
+            observations.without_edge_band.core, T_start, factor=factor, visible_only=False
         )
         count = len(self.points.classes)
         chosen = np.random.default_rng(seed).permutation(count)[:MAX_POINTS]
@@ -178,7 +178,7 @@ COLUMNS = (
     common("optimizer", ""),
     NUMBER,
     *ERRORS,
-    Column("evaluations", {"num_evaluations": of("num_evaluations", median)}, digits(0)),
+    Column("evaluations", {"num_evaluations": measure_of("num_evaluations", median)}, digits(0)),
     SECONDS,
 )
 

@@ -31,13 +31,12 @@ from odometry import kitti_poses
 from real_data import READERS
 
 from semcal_cli.api.calls import calibrate
-from semcal_cli.checks.camera_motion import standard_errors
+from semcal_cli.checks.camera_motion import CAMERA_MOTION, standard_errors
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import DRIVE_FILE, Drive, Motion, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.hand_eye import NotDetermined, choose_pairs, hand_eye
 from semcal_cli.estimation.search.visual_motion import camera_motions
-from semcal_cli.findings.check import CAMERA_MOTION
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, inverse, rotation_error_deg

@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 from benchmark import script, table
 
+from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
 from semcal_cli.config import AlignmentConfig, InitializationConfig
-from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN, search_mountings
+from semcal_cli.estimation.search.mounting_search import search_mountings
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.measured import commit
-from semcal_cli.experiments.summary import grouped
+from semcal_cli.experiments.summary import group_results
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.many.batch.pace import Pace
 from semcal_cli.observations.reading import load_observations
@@ -164,7 +165,7 @@ def main(
         folder.name, folder, chosen, partial(run, Pool(pool), size), Result, partial(Report, [], "")
     )
     found = experiment.run_cases(jobs, Pace(len(chosen), jobs))
-    groups = grouped(found, lambda r: (r.condition, r.variant, len(r.frames)))
+    groups = group_results(found, lambda r: (r.condition, r.variant, len(r.frames)))
 
     def of(condition: str, variant: str, num_frames: int) -> list[Result]:
         return groups.get((condition, variant, num_frames), [])

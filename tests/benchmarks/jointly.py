@@ -26,7 +26,7 @@ from semcal_cli.drive.camera import Camera, intrinsic_value, with_intrinsics
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.drives import Pool, calibrate_from
-from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.summary import (
     NUMBER,
     SECONDS,
@@ -34,9 +34,9 @@ from semcal_cli.experiments.summary import (
     common,
     count,
     digits,
+    measure_of,
     median,
     median_and_worst,
-    of,
 )
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
@@ -242,7 +242,7 @@ def _beside_before(found: Sequence[Result]) -> float:
     """Divide the median error of the pose by that of the pose before; the larger ratio, of rotation or of position."""
 
     def middle(field: str) -> float:
-        return float(of(field, median)(found))
+        return float(measure_of(field, median)(found))
 
     return max(
         middle("rotation_deg") / middle("polished_deg"), middle("camera_center_cm") / middle("polished_cm")
@@ -270,7 +270,7 @@ COLUMNS = (
     _sizes("clock off, ms", "clock_ms", 2),
     Column(
         "intervals right",
-        {"num_inside": of("num_inside", sum), "num_intervals": of("num_intervals", sum)},
+        {"num_inside": measure_of("num_inside", sum), "num_intervals": measure_of("num_intervals", sum)},
         lambda num_inside, num_intervals: Rate("", num_inside, num_intervals).share,
     ),
     count("trusted and far off", lambda result: result.is_far_off, "num_far_off"),

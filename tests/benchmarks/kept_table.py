@@ -11,7 +11,7 @@ from pathlib import Path
 
 from benchmark import KeptTable, script
 
-from semcal_cli.experiments.experiment import TABLE, read_measured
+from semcal_cli.experiments.experiment_run import TABLE, read_measured
 from semcal_cli.files.input_files import read_text
 
 

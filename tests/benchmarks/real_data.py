@@ -1,13 +1,15 @@
 """The real drives that benchmarks measure on, each written as a `drive.yaml` with its published pose.
 
-The folder holds frames of KITTI (object, raw, a jam), OpenCalib, nuScenes, DDAD, SUSTechPOINTS and RELLIS-3D, in these
-data sets' own layouts. What is missing is left out.
+The folder holds frames of KITTI (object, raw, a jam), KITTI-360, OpenCalib, nuScenes, DDAD, SUSTechPOINTS, RELLIS-3D,
+and of the repositories cam_lidar_calibration (VLP-16), lidar_camera_calib (OS1) and mlcc (Livox). What is missing is
+left out.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -124,6 +126,24 @@ def _rellis3d(source: Path, _: Path) -> Iterator[RealDrive]:
     yield RealDrive("RELLIS-3D 000104", source, ("image", "image_labels", "point_labels"), published)
 
 
+def _listed(name: str, source: Path, folder: Path) -> Iterator[RealDrive]:
+    """A set whose calib.json lists cameras, with their lenses and poses, and frames."""
+    document = json.loads((source / "calib.json").read_text())
+    for camera, lens in document["cameras"].items():
+        is_pinhole = lens["model"] == "pinhole"
+        block = {key: lens[key] for key in ("width", "height", "K", "distortion")}
+        frames = [
+            _frame(source / frame["lidar"], source / frame["images"][camera]) for frame in document["frames"]
+        ]
+        yield _write(
+            folder,
+            f"{name} {camera}, {len(frames)} pairs",
+            {"model": "plumb_bob" if is_pinhole else lens["model"]} | block,
+            frames,
+            np.array(lens["T_camera_lidar"]),
+        )
+
+
 READERS = {
     "kitti_object": _kitti_object,
     "kitti_raw_right": _kitti_raw,
@@ -133,6 +153,10 @@ READERS = {
     "ddad_scene": _ddad,
     "sustech_front": _sustech,
     "rellis3d_000104": _rellis3d,
+    "kitti360_street": partial(_listed, "KITTI-360 street"),
+    "acfr_vlp16": partial(_listed, "ACFR VLP-16"),
+    "tamu_basler_os1": partial(_listed, "TAMU OS1"),
+    "mlcc_livox_mid100": partial(_listed, "Livox MID-100"),
 }
 
 

@@ -34,9 +34,9 @@ from semcal_cli.experiments.summary import (
     count,
     digits,
     error_columns,
+    measure_of,
     median,
     median_and_worst,
-    of,
 )
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
@@ -138,7 +138,7 @@ COLUMNS = (
     count("trusted", lambda end: end.is_trusted),
     count("wrong and trusted", lambda end: end.is_trusted and not end.is_within(NEAR)),
     count("outside and trusted", lambda end: end.is_trusted and end.is_outside),
-    Column("seconds", {"seconds": of("seconds", median)}, digits(1)),
+    Column("seconds", {"seconds": measure_of("seconds", median)}, digits(1)),
 )
 
 

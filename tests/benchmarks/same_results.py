@@ -4,7 +4,8 @@
 
 Both versions run the same commands on the same drives, which the version before makes. Its results are kept in DIR
 and used again, so that later comparisons run only the version after; delete DIR after a change of `derive_drives`.
-The commands are listed in same_results.yaml, or in a file of the same form (--cases).
+The commands are listed in same_results.yaml, or in a file of the same form (--cases). Each real drive of the data
+folder is a case of its own, `real:NAME`; `--only real` runs them all.
 
 Numbers, exit codes and binary files must be the same. Keys, strings, messages and pages may differ and are listed.
 The exit code is 1 if anything differs that must not. All differences are in DIR/differences.txt.
@@ -32,6 +33,7 @@ import cv2
 import numpy as np
 import yaml
 from benchmark import script
+from real_data import real_drives
 
 from semcal_cli.errors import InputError
 
@@ -73,6 +75,14 @@ class Differences:
         return {name: value for name, value in vars(self).items() if isinstance(value, list)}
 
 
+def perturbed(T_camera_lidar: np.ndarray) -> np.ndarray:
+    """Return a pose (4, 4) 2 degrees and 0.2 m away."""
+    T = T_camera_lidar.copy()
+    T[:3, :3] = cv2.Rodrigues(np.radians(2.0) * np.array([0.6, -0.64, 0.48]))[0] @ T[:3, :3]
+    T[:3, 3] += [0.12, -0.1, 0.12]
+    return T
+
+
 def derive_drives(drives: Path) -> None:
     """Write starts 2 degrees and 0.2 m off, and drives with other lenses, features, soft labels and motion."""
     derived = drives / "derived"
@@ -82,9 +92,7 @@ def derive_drives(drives: Path) -> None:
         (derived / f"{name}.yaml").write_text(yaml.safe_dump(document))
 
     for path in drives.glob("*/drive.yaml"):
-        T = np.array(yaml.safe_load(path.read_text())["T_camera_lidar"])
-        T[:3, :3] = cv2.Rodrigues(np.radians(2.0) * np.array([0.6, -0.64, 0.48]))[0] @ T[:3, :3]
-        T[:3, 3] += [0.12, -0.1, 0.12]
+        T = perturbed(np.array(yaml.safe_load(path.read_text())["T_camera_lidar"]))
         write(path.parent.name, {"semcal_transform": 1, "T_camera_lidar": T.tolist()})
     text = (drives / "pinhole/drive.yaml").read_text()
     document = yaml.safe_load(re.sub(r"(?<=: )(?=\w+/\d{6}\.)", "../pinhole/", text))
@@ -97,6 +105,18 @@ def derive_drives(drives: Path) -> None:
     write("features", bare | {"frames": features})
     write("soft", bare | {"frames": soft})
     write("motion", bare | {"frames": moving, "ignore": {"image": [0]}, "motion": {"twist": twist}})
+
+
+def derive_real_drives(data: Path, drives: Path) -> None:
+    """Write the real drives of a data folder, each with a start 2 degrees and 0.2 m off."""
+    real = drives / "real"
+    real.mkdir()
+    for drive in real_drives(data, real):
+        document = yaml.safe_load((drive.path / "drive.yaml").read_text())
+        T = perturbed(np.array(document.get("T_camera_lidar", np.eye(4))))
+        (real / f"{drive.path.name}.yaml").write_text(
+            yaml.safe_dump({"semcal_transform": 1, "T_camera_lidar": T.tolist()})
+        )
 
 
 def derive_frame(derived: Path, number: int, frame: dict[str, str]) -> tuple[dict[str, Any], ...]:
@@ -284,6 +304,24 @@ def run_and_compare(
     return f"| {name} | {exits} | {found.num_numbers:,} | {counts} | {seconds} |", found
 
 
+def real_cases(work: Path, data: Path) -> dict[str, list[str]]:
+    """Write the real drives once, and list the commands of each: by edges, and by segments where it has labels."""
+    drives = work / "real_drives"
+    if not drives.is_dir():
+        drives.mkdir(parents=True)
+        derive_real_drives(data, drives)
+    cases = {}
+    for path in sorted((drives / "real").glob("*/drive.yaml")):
+        name, start = path.parent.name, path.parent.with_suffix(".yaml")
+        cases[f"real:{name}"] = [
+            f"inspect {path.parent} --json",
+            f"calibrate {path.parent} --cue edges --init {start} --max-frames 8 -o edges.yaml",
+        ]
+        if "image_labels" in path.read_text():
+            cases[f"real:{name}"].append(f"calibrate {path.parent} --max-frames 4 -o nothing.yaml")
+    return cases
+
+
 def main(
     *,
     before: Path,
@@ -296,11 +334,13 @@ def main(
     """Run both executables in a folder of work, and yield what differs and the table."""
     before, after, work, data = before.absolute(), after.absolute(), work.resolve(), data.resolve()
     listed = read_cases(cases, data)
-    if unknown := set(only) - set(listed):
+    if unknown := set(only) - {*listed, "real"}:
         raise InputError(f"--only: found {min(unknown)!r}, needed one of: {', '.join(listed)}")
+    if data.is_dir():
+        listed |= real_cases(work, data)
     rows, differences, fails = [], [], False
     for name, commands in listed.items():
-        if only and name not in (*only, "synth"):
+        if only and {name, name.split(":")[0]}.isdisjoint((*only, "synth")):
             continue
         if f"{data}" in "".join(commands) and not data.is_dir():
             rows.append(f"| {name} | left out: no {data} | | | | | | |")

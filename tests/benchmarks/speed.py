@@ -22,16 +22,16 @@ from benchmark import OUTPUT, SEMCAL, KeptTable, run_experiment, run_process, sc
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import check_torch
-from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.summary import (
     NUMBER,
     Column,
     common,
     digits,
-    grouped,
+    group_results,
+    measure_of,
     median,
     median_and_worst,
-    of,
 )
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text
@@ -124,8 +124,8 @@ def run(folder: Path, street: SynthConfig, case: Case) -> list[Timing]:
 
 def report(timings: Sequence[Timing]) -> Report:
     """Summarise the runs of each process, and compare refinements with plain torch of the same estimator and pairs."""
-    groups = grouped(timings, lambda timing: (timing.name, timing.num_pairs))
-    medians = {key: of("seconds", median)(found) for key, found in groups.items()}
+    groups = group_results(timings, lambda timing: (timing.name, timing.num_pairs))
+    medians = {key: measure_of("seconds", median)(found) for key, found in groups.items()}
 
     def against_plain_torch(found: Sequence[Timing]) -> float | None:
         name, num_pairs = found[0].name, found[0].num_pairs
@@ -136,11 +136,14 @@ def report(timings: Sequence[Timing]) -> Report:
         common("name", "process"),
         common("num_pairs", "pairs", "{:,}".format),
         NUMBER,
-        Column("seconds: median, worst", {"seconds": of("seconds", median_and_worst)}, digits(2)),
-        Column("peak memory, GiB", {"peak_gib": of("peak_gib", max)}, digits(2)),
+        Column("seconds: median, worst", {"seconds": measure_of("seconds", median_and_worst)}, digits(2)),
+        Column("peak memory, GiB", {"peak_gib": measure_of("peak_gib", max)}, digits(2)),
         Column(
             "error",
-            {"rotation_deg": of("rotation_deg", max), "camera_center_cm": of("camera_center_cm", max)},
+            {
+                "rotation_deg": measure_of("rotation_deg", max),
+                "camera_center_cm": measure_of("camera_center_cm", max),
+            },
             "{:.4f} deg, {:.2f} cm".format,
         ),
         Column("times faster than plain torch", {"against_plain_torch": against_plain_torch}, digits(1)),

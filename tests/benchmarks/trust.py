@@ -38,12 +38,12 @@ from laboratory.spoiled import KINDS, KNOCKED
 
 from semcal_cli.errors import check_torch
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.summary import (
     cell,
     common,
     count,
-    grouped,
+    group_results,
     markdown_table,
     summarise,
     summary_table,
@@ -152,7 +152,7 @@ def _rates_of_verify(outcomes: Sequence[Outcome]) -> list[Rate]:
 
 def spoiled_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     """Compute the rates of what calibrations say about spoiled drives."""
-    groups = grouped(_of_kinds(outcomes, is_subtle=False), lambda f: KINDS[f.kind].group)
+    groups = group_results(_of_kinds(outcomes, is_subtle=False), lambda f: KINDS[f.kind].group)
     counted = [
         f
         for name, found in groups.items()
@@ -188,7 +188,7 @@ def spoiled_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
 def subtle_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     """Compute the rates of what calibrations say about drives with subtle faults."""
     found: list[Rate] = []
-    groups = grouped(_of_kinds(outcomes, is_subtle=True), lambda f: KINDS[f.kind].group)
+    groups = group_results(_of_kinds(outcomes, is_subtle=True), lambda f: KINDS[f.kind].group)
     for group, listed in groups.items():
         found += [
             rate_of(f"{group}: trusted, outside the interval", listed, Outcome.is_outside),

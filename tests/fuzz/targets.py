@@ -25,7 +25,7 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.documents import document_text, output_format, parse_document
 from semcal_cli.files.validation import StrictModel, validate
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.fleet_drives import read_members
+from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.formats import FORMATS, read_extrinsic, read_transform, write_transform
 from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.formats.format import Format, FormatOptions
@@ -150,7 +150,7 @@ def check_calibration(path: Path) -> None:
     widths = read_extrinsic(path).half_widths
     assert widths is None or np.isfinite(widths).all()
     core_camera(calibration.input.camera)
-    read_members([path])
+    read_fleet_drives([path])
 
 
 def check_fleet(path: Path) -> None:
@@ -162,14 +162,14 @@ def check_fleet(path: Path) -> None:
 
 def check_summary(path: Path) -> None:
     """Check the summary of a batch, which a fleet reads."""
-    members = read_members([path.parent])
-    for member in members:
-        if member.T_camera_lidar is not None:
-            check_pose(member.T_camera_lidar)
-        if member.covariance is not None:
-            assert np.linalg.eigvalsh(member.covariance).min() > 0.0
+    drives = read_fleet_drives([path.parent])
+    for drive in drives:
+        if drive.T_camera_lidar is not None:
+            check_pose(drive.T_camera_lidar)
+        if drive.covariance is not None:
+            assert np.linalg.eigvalsh(drive.covariance).min() > 0.0
     with suppress(CalibrationError):
-        check_pose(combine_drives(members, Limits()).T_camera_lidar)
+        check_pose(combine_drives(drives, Limits()).T_camera_lidar)
 
 
 def write_result(folder: Path) -> None:

@@ -30,7 +30,7 @@ NUM_FRAMES = 20
 """Number of evenly spaced frames from which the offset is estimated, so that long drives cost no more."""
 
 
-class UnknownClock(NamedTuple):
+class ClockUncertainty(NamedTuple):
     """How far the clock may be off, and how far the rig moves in that time."""
 
     offset_s: float
@@ -47,7 +47,7 @@ class UnknownClock(NamedTuple):
     """Speed that all frames have in common."""
 
     @classmethod
-    def of(cls, data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> UnknownClock | None:
+    def of(cls, data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> ClockUncertainty | None:
         """Compute this at a pose (4, 4); None if the rig stands or its motion is not stated.
 
         The direction of a speed is unknown, so it counts along both axes across the LiDAR's z axis.
@@ -94,8 +94,8 @@ def _estimate_offset(
     return float(fit.changes[0]), float(fit.sigmas[0])
 
 
-def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, ...]:
-    """Describe what the frames show of the clock, or that it was not checked, and what that may cost."""
+def notes_on_clock(data: LoadedDrive, clock: ClockUncertainty | None) -> tuple[str, ...]:
+    """Say what the frames show of the clock, or that it was not checked, and what that may cost."""
     motion = data.drive.motion
     if motion is None:
         note = "the clock was not checked: the drive gives no motion"

@@ -14,7 +14,7 @@ import numpy as np
 from semcal_cli import core
 from semcal_cli.config import AdjustmentConfig, PolishConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_all_coefficients
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.adjust.joint_fit import Fit, Problem, Variables, seen_by
 from semcal_cli.estimation.refine.polish import newton, split
 from semcal_cli.estimation.stage import StageResult
@@ -165,10 +165,8 @@ def _left_open(
     """
     if not asked.names:
         return None
-    camera = observations.camera
-    around = sensitivity(
-        observations, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(observations)
-    )
+    camera, seen = observations.camera, observations.without_edge_band
+    around = sensitivity(seen, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(seen))
     shift = shift_by(around)
     if shift is None:
         return None
@@ -180,7 +178,7 @@ def _left_open(
     return np.asarray(shift @ about @ shift.T)
 
 
-def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.HeldOutGain:
+def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.InformationGain:
     """Compute the gain of held-out data from estimates on the other data, with the variables against without them."""
     kept, held_out = split(problem.observations, problem.polish)
     before, part = newton(kept, T, problem.polish).T_camera_lidar, None
@@ -201,7 +199,7 @@ def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.HeldOutGain:
 
 
 def _camera_of(
-    fit: Fit, asked: Variables, camera: Camera, gain: core.HeldOutGain, is_kept: bool
+    fit: Fit, asked: Variables, camera: Camera, gain: core.InformationGain, is_kept: bool
 ) -> RefinedCamera:
     intrinsics = {}
     for name in asked.intrinsics:
@@ -246,8 +244,8 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
     )
 
 
-def _notes(fit: Fit, asked: Variables, gain: core.HeldOutGain, is_kept: bool) -> tuple[str, ...]:
-    """Describe what is not determined, and why an estimate is not kept."""
+def _notes(fit: Fit, asked: Variables, gain: core.InformationGain, is_kept: bool) -> tuple[str, ...]:
+    """Say what is not determined, and why an estimate is not kept."""
     notes = []
     if missing := [name for name in asked.intrinsics if name not in fit.variables.intrinsics]:
         *others, last = missing
@@ -264,7 +262,7 @@ def _notes(fit: Fit, asked: Variables, gain: core.HeldOutGain, is_kept: bool) ->
         why = "the estimate differs from them only by chance"
         if fit.is_beyond_chance:
             by = gain.gain / max(gain.sigma, 1e-12)
-            better, least = told_apart(by, MIN_GAIN, 1)
+            better, least = format_against_limit(by, MIN_GAIN, 1)
             why = (
                 f"held-out data agree only {better} standard errors better with the estimate, needed more than "
                 f"{least}"

@@ -262,8 +262,6 @@ class Problem:
             changes=tuple(changes.tolist()),
             sigmas=tuple(self._known(variables).tolist()),
             evidence=evidence,
-            edge_band_px=self.polish.edge_band_px,
-            max_baseline_m=self.polish.max_baseline_m,
         )
         names, twists = variables.of_core(self.observations.camera), variables.twists(self.observations)
         return core.maximise(self.observations.core, T, settings, names, twists)
@@ -274,8 +272,7 @@ class Problem:
         Returns:
             The number; None if the labels do not determine the pose.
         """
-        settings = SensitivityConfig(edge_band_px=self.polish.edge_band_px)
-        around = determined_sensitivity(seen, T, settings)
+        around = determined_sensitivity(seen, T, SensitivityConfig())
         if around is None:
             return None
         # Errors that classes share do not affect the climb; they are part of the final covariance.
@@ -288,7 +285,7 @@ class Problem:
         """Compute the covariance of all variables, by the labels and by what was known before, on blocks of pixels."""
         known = self._known(variables)
         nothing = None, np.ones(6 + len(known))
-        settings = SensitivityConfig(factor=factor, edge_band_px=self.polish.edge_band_px)
+        settings = SensitivityConfig(factor=factor)
         around = sensitivity(seen, T, settings, variables.of_core(seen.camera), variables.twists(seen))
         if around is None:
             return nothing

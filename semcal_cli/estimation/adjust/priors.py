@@ -17,9 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
+from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
-from semcal_cli.errors import counted, told_apart
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, covariance_of_intrinsics, shift_by
 from semcal_cli.estimation.uncertainty.sensitivity import (
@@ -29,8 +28,6 @@ from semcal_cli.estimation.uncertainty.sensitivity import (
     sensitivity,
     sum_of,
 )
-from semcal_cli.findings.check import FUSION_NOT_SETTLED, PRIOR
-from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Matrix, Numbers, Pose
 from semcal_cli.geometry.poses import camera_center, rotation_difference
 from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, pose_at
@@ -50,9 +47,6 @@ SETTLED_PX = 0.1
 """Movement of the points below which the rounds end, in pixels, root mean square, as `PolishConfig.settled_px`."""
 MIN_INFORMATION = 1e-13
 """Smallest information along a direction, relative to the best known direction. Less is rounding."""
-UNSETTLED = FUSION_NOT_SETTLED.finding(
-    f"the pose from labels and priors had not settled after {MAX_ROUNDS} rounds"
-)
 
 
 @dataclass(frozen=True)
@@ -125,9 +119,43 @@ def clamp(T_camera_lidar: Pose, priors: Sequence[Prior]) -> Pose:
     return T_camera_lidar
 
 
+class OffsetFromLabels(NamedTuple):
+    """Offset of the pose that labels alone give from a prior, over all known axes at once."""
+
+    axis: int
+    """Known axis that is farthest off in standard deviations: 0 to 2 position, 3 to 5 rotation."""
+    offset: float
+    """Offset along that axis, metres, or about it, radians."""
+    chi2: float
+    num_axes: int
+    """Number of known axes, the degrees of freedom of chi-square."""
+    degrees_of_freedom: float
+    """Fewest degrees of freedom of the covariance of the labels along any axis."""
+
+
+class PriorOffset(NamedTuple):
+    """Offset of the final pose from a prior, along the axis that is farthest off in standard deviations."""
+
+    name: str
+    """Name of the prior."""
+    axis: int
+    """The axis: 0 to 2 position, 3 to 5 rotation."""
+    offset: float
+    """Offset along it, metres, or about it, radians."""
+    deviations: float
+    """The same in standard deviations of the prior."""
+    from_labels: OffsetFromLabels | None
+    """Offset of the pose that labels alone give; None if they determine none."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Fused(StageResult):
-    """Pose that labels and priors determine together. Its findings are contradictions between them."""
+    """Pose that labels and priors determine together."""
+
+    prior_offsets: tuple[PriorOffset, ...]
+    """Offset from each prior; empty if labels carry no information at all."""
+    is_settled: bool
+    """Whether the last round moved the points little."""
 
     uncertainty: Uncertainty | None
     """Uncertainty of the pose; None if labels and priors together do not determine it."""
@@ -144,7 +172,6 @@ def fuse_with_priors(
     T_camera_lidar: Pose,
     priors: Sequence[Prior],
     *,
-    edge_band_px: int = EDGE_BAND_PX,
     of_motion: Matrix | None = None,
 ) -> Fused:
     """Find the pose that labels and priors determine together.
@@ -153,38 +180,36 @@ def fuse_with_priors(
         observations: The observations that the pose was polished on.
         T_camera_lidar: (4, 4) pose polished without priors, metres.
         priors: The priors, which leave at least one direction free.
-        edge_band_px: Width of the edge band in the settings of the polish.
         of_motion: (6, 6) covariance of the labels' optimum by the clock and the motion that the drive states; None if
             there is none.
     """
-    settings = SensitivityConfig(edge_band_px=edge_band_px)
-    around = sensitivity(observations, T_camera_lidar, settings)
+    around = sensitivity(observations, T_camera_lidar, SensitivityConfig())
     is_alone = around is not None and around.is_determined
     T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     of_intrinsics = _of_intrinsics(observations, T)
     systematic = sum_of(of_intrinsics, of_motion)
-    contradictions: dict[str, list[Finding]] = {}
+    from_labels: list[OffsetFromLabels | None] = [None] * len(priors)
     if around is not None and is_alone:
         labels = measure(around, systematic)
-        contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
-    T, fit = _iterate(observations, T, priors, around, systematic, settings, is_alone)
-    far, uncertainty, label_gain = list[Finding](), None, np.eye(6)
+        from_labels = [_offset_from_labels(labels, prior, T_camera_lidar) for prior in priors]
+    T, fit = _iterate(observations, T, priors, around, systematic, is_alone)
+    offsets, uncertainty, label_gain = list[PriorOffset](), None, np.eye(6)
     if fit is not None:
         # Steps are of first order, so exact axes are restored to the last digit.
         T = clamp(T, [prior.exact for prior in priors])
-        far = [line for prior in priors for line in contradictions.get(prior.name) or _distance(prior, T)]
+        offsets = [_offset(prior, T, alone) for prior, alone in zip(priors, from_labels, strict=True)]
         label_gain = fit.covariance @ fit.labels.information
         if fit.is_closed:
             degrees_of_freedom = fit.labels.degrees_of_freedom(fit.covariance)
             uncertainty = Uncertainty.from_covariance(T, fit.covariance, degrees_of_freedom)
-    is_settled = fit is not None and fit.moved_px < SETTLED_PX
     if of_intrinsics is not None:
         of_intrinsics = None if fit is None else np.asarray(label_gain @ of_intrinsics @ label_gain.T)
     return Fused(
         T_camera_lidar=T,
         agreement=core.agreement(observations.core, T),
-        findings=(*(() if is_settled else (UNSETTLED,)), *far),
         note=f"with {', '.join(prior.name for prior in priors)}",
+        prior_offsets=tuple(offsets),
+        is_settled=fit is not None and fit.moved_px < SETTLED_PX,
         uncertainty=uncertainty,
         is_alone=is_alone,
         label_gain=label_gain,
@@ -211,7 +236,6 @@ def _iterate(
     priors: Sequence[Prior],
     around: Sensitivity | None,
     systematic: Matrix | None,
-    settings: SensitivityConfig,
     is_alone: bool,
 ) -> tuple[Pose, _Fit | None]:
     """Weigh labels and priors until a round moves the points little; no fit if labels carry no information at all.
@@ -221,7 +245,7 @@ def _iterate(
     fit: _Fit | None = None
     for _ in range(MAX_ROUNDS):
         if fit is not None and not is_alone:
-            around = sensitivity(observations, T, settings)
+            around = sensitivity(observations, T, SensitivityConfig())
         if around is None:
             return T, None
         labels = fit.labels if fit is not None and is_alone else measure(around, systematic)
@@ -284,41 +308,25 @@ def _solve(
     return to_exact + covariance @ (pull - information @ to_exact), covariance, bool(closed.all())
 
 
-def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
-    """Compare a prior with the optimum of the labels alone, over all known axes at once."""
+def _offset_from_labels(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> OffsetFromLabels:
+    """Compute the offset of the optimum of the labels alone from a prior, over all known axes at once."""
     jacobian, residual, sigmas = _known(T_camera_lidar, [prior])
     alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
     off = residual + jacobian @ np.linalg.solve(labels.reads, labels.mean)
     covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(sigmas))
-    chi2 = float(off @ np.linalg.solve(covariance, off))
-    fewest = float(labels.degrees_of_freedom(alone).min())
-    # With few parts of the images, chance explains almost any distance, so the distance is limited as well.
-    num_axes = len(sigmas)
-    by_chance = core.fisher_limit(PRIOR.limit("chance"), num_axes, fewest)
-    most = num_axes * min(by_chance, PRIOR.limit("one axis") ** 2)
-    if chi2 <= most:
-        return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
-    far = _length(int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]), float(off[worst]))
-    chi2_text, most_chi2 = told_apart(chi2, most)
-    sentence = (
-        f"{prior.name} is {far} from the pose that labels alone give, chi-square {chi2_text} with "
-        f"{counted(num_axes, 'degree')} of freedom, needed at most {most_chi2}"
+    return OffsetFromLabels(
+        axis=int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]),
+        offset=float(off[worst]),
+        chi2=float(off @ np.linalg.solve(covariance, off)),
+        num_axes=len(sigmas),
+        degrees_of_freedom=float(labels.degrees_of_freedom(alone).min()),
     )
-    return [PRIOR.finding(sentence)]
 
 
-def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
+def _offset(prior: Prior, T_camera_lidar: Pose, from_labels: OffsetFromLabels | None) -> PriorOffset:
+    """Compute the offset of the final pose (4, 4) from a prior."""
     residual = prior.residual(T_camera_lidar)
     deviations = np.abs(residual) / np.maximum(prior.sigmas, EXACT)
-    worst, farthest = int(deviations.argmax()), float(deviations.max())
-    off, most = told_apart(farthest, PRIOR.limit("one axis"), 1)
-    sentence = (
-        f"{prior.name} is {_length(worst, residual[worst])} from the pose that everything else gives, {off} standard "
-        f"deviations, needed at most {most}"
-    )
-    return [*PRIOR.measured(farthest, sentence, "one axis").findings]
-
-
-def _length(axis: int, off: float) -> str:
-    return f"{100.0 * abs(off):.1f} cm" if axis < 3 else f"{np.degrees(abs(off)):.2f} degrees"
+    worst = int(deviations.argmax())
+    return PriorOffset(prior.name, worst, float(residual[worst]), float(deviations.max()), from_labels)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 from semcal_cli.config import ExactConfig, RefinementConfig
 from semcal_cli.config.mine_config import MINE_WITH_VECTORS, MineConfig
@@ -29,6 +29,7 @@ def make_estimator(
     Raises:
         InputError: features need MINE, segments need the exact estimator, torch is missing, or the device is.
     """
+    shared = observations.shared_settings
     if observations.has_vectors and config.estimator == "exact":
         raise InputError(
             "--estimator exact: found features, which have no histogram, needed --estimator mine"
@@ -38,20 +39,21 @@ def make_estimator(
             "--estimator mine: found segments, which differ from frame to frame, needed --estimator exact"
         )
     if config.estimator == "exact":
-        exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
         if observations.starts is None:
-            estimator = ExactEstimator(observations, exact, seed)
-            return estimator, {"exact": asdict(estimator.config)}
-        several = SeveralStarts(observations, exact, seed, observations.starts, others)
-        return several, {"exact": asdict(several.config), "starts": asdict(several.starts)}
+            estimator = ExactEstimator(observations, ExactConfig(), seed)
+            return estimator, {"exact": asdict(estimator.config) | shared}
+        several = SeveralStarts(observations, ExactConfig(), seed, observations.starts, others)
+        starts = asdict(several.starts)
+        if several.starts.coarse is not None:
+            starts["coarse"] |= shared
+        return several, {"exact": asdict(several.config) | shared, "starts": starts}
     check_torch("--estimator mine")
     on_event(Progress("loading torch"))
     with torch_import():
         from semcal_cli.estimation.refine.mine import MineEstimator
 
-    usual = MINE_WITH_VECTORS if observations.has_vectors else MineConfig()
-    mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
+    mine = MINE_WITH_VECTORS if observations.has_vectors else MineConfig()
     return MineEstimator(observations, mine, seed, config.device), {
-        "mine": asdict(mine),
+        "mine": asdict(mine) | shared,
         "device": config.device,
     }

@@ -77,7 +77,6 @@ class MineEstimator:
                 self.observations.core,
                 T_start,
                 factor=factor,
-                edge_band_px=self.config.edge_band_px,
                 visible_only=visible_only,
                 max_points=self.config.max_points,
                 constant_radius=self.config.constant_radius,
@@ -146,7 +145,7 @@ class MineEstimator:
         T_end[3] = 0.0, 0.0, 0.0, 1.0
         return Level(
             factor=factor,
-            T_camera_lidar=within_baseline(T_end, config.max_baseline_m),
+            T_camera_lidar=within_baseline(T_end, self.observations.max_baseline_m),
             drift=float((last - before).norm()),
             num_points=len(points),
             bound_nats=float(torch.stack(bounds[-quarter:]).mean()),

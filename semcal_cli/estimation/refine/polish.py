@@ -14,18 +14,13 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import PolishConfig
-from semcal_cli.errors import told_apart
 from semcal_cli.estimation.stage import StageResult
-from semcal_cli.findings.check import NO_DIRECTION, POLISH_NOT_SETTLED, POLISH_NOT_TESTED, POLISH_REJECTED
-from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.result.sections import HeldOut
 
 HELD_OUT = 3
 """One of this many frames, or regions of the images, is held out."""
-LEAST_SIGMA = 1e-12
-"""Minimum standard error that a loss is divided by, nats."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +29,13 @@ class Polish(StageResult):
 
     held_out: HeldOut
     """Test of the polish on data that it did not use."""
+    max_loss: float
+    """Largest loss of held-out data, in standard errors, at which the polish is accepted."""
     is_settled: bool
     moved_px: float
-    """Root mean square by which the last round moved the points, in pixels."""
+    """Root mean square by which the last round moved the points, in pixels; infinite if nothing moves the agreement."""
+    max_moved_px: float
+    """Largest such movement of a polish that has settled."""
 
     @property
     def is_accepted(self) -> bool:
@@ -54,7 +53,7 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     """
     kept, held_out = split(observations, config)
     polished = newton(kept, T_camera_lidar, config)
-    found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar, config)
+    found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar)
     gain, sigma = found.gain, found.sigma
     max_loss = config.max_loss if observations.starts is None else config.max_loss_of_tops
     # Without a standard error, there is no evidence for the polish.
@@ -75,51 +74,29 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     return Polish(
         T_camera_lidar=T_polished,
         agreement=core.agreement(observations.core, T_polished),
-        findings=_findings(check, max_loss, polished.moved_px, config),
-        settings={"polish": asdict(config)},
+        settings={"polish": asdict(config) | observations.shared_settings},
         note=note,
         details=f"held out {gain:+.4f} +- {sigma:.4f} {observations.unit}",
         held_out=check,
+        max_loss=max_loss,
         is_settled=is_settled,
         moved_px=polished.moved_px,
+        max_moved_px=config.settled_px,
     )
 
 
 def _held_out_gain(
-    kept: Observations, held_out: Observations, T_before: Pose, T_after: Pose, config: PolishConfig
-) -> core.HeldOutGain:
+    kept: Observations, held_out: Observations, T_before: Pose, T_after: Pose
+) -> core.InformationGain:
     """Compute how much held-out data gain from a polish on the other data.
 
     Classes are compared by the table of the other data. Segments, which differ from frame to frame, have their own
     table at each pose, so that only the pose is held out.
     """
     if held_out.has_segments:
-        (gain,) = core.information_gains(held_out.core, T_before, [T_after], config.edge_band_px)
+        (gain,) = core.information_gains(held_out.core, T_before, [T_after])
         return gain
     return core.held_out_gain(kept.core, held_out.core, T_before, T_after)
-
-
-def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishConfig) -> tuple[Finding, ...]:
-    """List the findings against a polish: held-out data disagree, or it has not settled."""
-    if not check.accepted and check.held_out_sigma_nats is None:
-        found = "the polish was rejected; too few pixels were held out to test it"
-        return (POLISH_NOT_TESTED.finding(found),)
-    if not check.accepted:
-        by = -check.held_out_gain_nats / max(check.held_out_sigma_nats or 0.0, LEAST_SIGMA)
-        less, most = told_apart(by, max_loss, 1)
-        found = (
-            f"the polish was rejected; held-out data agree {less} standard errors worse after it, needed at most "
-            f"{most}"
-        )
-        return (POLISH_REJECTED.finding(found),)
-    if moved_px <= config.settled_px:
-        return ()
-    if not math.isfinite(moved_px):
-        found = "the polish found no direction in which moving the camera changes the agreement"
-        return (NO_DIRECTION.finding(found),)
-    moved, most = told_apart(moved_px, config.settled_px, 2)
-    found = f"the polish had not settled; its last round still moved points by {moved} pixels, needed at most {most}"
-    return (POLISH_NOT_SETTLED.finding(found),)
 
 
 def split(observations: Observations, config: PolishConfig) -> tuple[Observations, Observations]:

@@ -23,9 +23,8 @@ from typing import Protocol
 from semcal_cli import core
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.errors import CalibrationError, SemcalError, told_apart
+from semcal_cli.errors import CalibrationError, SemcalError
 from semcal_cli.estimation.stage import StageResult
-from semcal_cli.findings.check import REFINEMENT_NOT_SETTLED
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
@@ -67,9 +66,11 @@ class LevelOptimizer(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Refinement(StageResult):
-    """The refined pose and its levels, with a finding if the pose has not settled."""
+    """The refined pose and its levels."""
 
     levels: tuple[Level, ...]
+    max_drift: float
+    """Largest drift of the finest level, in blocks, at which the pose counts as settled."""
     converged: bool
 
 
@@ -92,7 +93,7 @@ def refine_pose(
         clamp: A map from poses to the nearest allowed poses, applied before and after each level.
 
     Returns:
-        The pose after the finest level, with all levels, and a finding if it has not settled.
+        The pose after the finest level, with all levels.
 
     Raises:
         CalibrationError: too few points land on pixels with classes.
@@ -114,22 +115,16 @@ def refine_pose(
         levels.append(level)
         pose = clamp(level.T_camera_lidar)
         on_level(level, len(factors))
-    drift, most = levels[-1].drift, config.max_final_drift
-    converged = drift <= most
-    moved_px, most_px = told_apart(drift, most, 1)
-    found = (
-        f"the refinement had not settled; the pose still moved points by {moved_px} pixels at the end of the finest "
-        f"level, needed at most {most_px}"
-    )
+    converged = levels[-1].drift <= config.max_final_drift
     return Refinement(
         T_camera_lidar=pose,
         agreement=core.agreement(observations.core, pose),
         bound_nats=levels[-1].bound_nats,
-        findings=() if converged else (REFINEMENT_NOT_SETTLED.finding(found),),
         settings={"pyramid": asdict(config)},
         note="" if converged else "still moving at the end",
         details=f"{len(levels)} levels, {'settled' if converged else 'not settled'}",
         levels=tuple(levels),
+        max_drift=config.max_final_drift,
         converged=converged,
     )
 

@@ -116,7 +116,7 @@ class SeveralStarts:
         """Ascend from poses (4, 4) and sort the ends, best first; with zero steps the poses are only compared."""
         config = self.config
         if factor > 1 and self.starts.coarse is not None:
-            config = replace(self.starts.coarse, max_baseline_m=config.max_baseline_m)
+            config = self.starts.coarse
         if steps >= 0:
             config = replace(config, steps=steps)
         ends = core.align(
@@ -130,15 +130,14 @@ class SeveralStarts:
         The chosen pose is the nearest to the start among those that are not significantly worse than the best, and no
         worse than any given pose.
         """
-        polish = PolishConfig(
-            max_baseline_m=self.config.max_baseline_m, edge_band_px=self.config.edge_band_px
-        )
 
         def compared(poses: Sequence[Pose]) -> list[core.Aligned]:
             return self._align(self.observations, poses, 1, visible_only=visible_only, steps=0)
 
         def finished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
-            poses = [newton(self.observations, end.T_camera_lidar, polish).T_camera_lidar for end in ends]
+            poses = [
+                newton(self.observations, end.T_camera_lidar, PolishConfig()).T_camera_lidar for end in ends
+            ]
             near = [each for each in poses if self._is_near(each)]
             return compared(near) if near else []
 
@@ -156,7 +155,6 @@ class SeveralStarts:
             self.observations.core,
             best.T_camera_lidar,
             [other.T_camera_lidar for other in others],
-            self.config.edge_band_px,
         )
         as_good = [
             other for other, gain in zip(others, gains, strict=True) if -gain.gain < TIED_SIGMAS * gain.sigma

@@ -16,22 +16,13 @@ from semcal_cli.estimation.search.hand_eye import HandEye
 from semcal_cli.estimation.search.mounting import Mounting, describe, measured_from, runner_up
 from semcal_cli.estimation.search.registration import Candidate, register
 from semcal_cli.estimation.stage import StageResult
-from semcal_cli.findings.check import NOTHING_TO_COMPARE, OTHER_MOUNTING, fit_of_rival
-from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, rotation_error_deg
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
-MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
-"""Standard errors of mutual information by which other mountings must be behind a trusted answer."""
-
 GIVEN = "started at the given transform"
 """Note on a pose that was not searched for."""
-
-NO_OTHER = NOTHING_TO_COMPARE.finding(
-    "the search left no other mounting to compare with, needed at least one"
-)
 
 FAR_RUNNER_UPS = 2.0
 """Distance in multiples of `runner_up_deg` at which another mounting is kept while poses ascend, so that one remains to
@@ -53,6 +44,10 @@ class Initialization(StageResult):
     """Hypotheses, best first."""
     runner_up_margin: float | None
     """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
+    runner_up: Mounting | None = None
+    """Best hypothesis of another mounting; None if there is none."""
+    is_exhaustive: bool = False
+    """Whether all mountings were searched, and priors left out none of them."""
     by_motion: HandEye | None = None
     """The motion of camera and LiDAR that tells the pose; None where something else does."""
 
@@ -93,18 +88,17 @@ def search_mountings(
     T_best = best.T_camera_lidar
     hypotheses = tuple(describe(each, agreement, T_best) for each, agreement in kept)
     other = runner_up(hypotheses, config.runner_up_deg)
-    # Priors, or a search around a given pose, may leave no other hypothesis to compare with.
-    is_alone = other is None and T_given is None and len(kept) == len(ranked)
     margin = None if other is None else hypotheses[0].margin(other)
     return Initialization(
         T_camera_lidar=T_best,
         agreement=agreement_of_best,
-        findings=(NO_OTHER,) if is_alone else check_runner_up(hypotheses[0], other),
-        settings={"initialization": asdict(config)},
-        note=_note(len(hypotheses), margin) if is_searched else GIVEN,
+        settings=recorded(config, observations),
+        note="" if is_searched else GIVEN,
         details="" if margin is None else f"runner-up {margin:.1f} standard errors behind",
         hypotheses=hypotheses,
         runner_up_margin=margin,
+        runner_up=other,
+        is_exhaustive=T_given is None and len(kept) == len(ranked),
     )
 
 
@@ -125,31 +119,17 @@ def _candidates(
     return _align(observations, register(observations, config, seed, around), config, seed)
 
 
-def _note(count: int, margin: float | None) -> str:
-    """Say how many mountings were compared, and whether the best one is clear."""
-    if margin is None:
-        return "mounting found, no other one to compare with"
-    if margin >= MIN_RUNNER_UP_MARGIN:
-        return f"{count} mountings compared, the best one is clear"
-    return f"{count} mountings compared, another one fits {'almost as well' if margin >= 0.0 else 'better'}"
-
-
 def unsearched(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
     """Take a given pose (4, 4) unchanged, for cues whose refinement starts from several poses around it."""
     agreement = core.agreement(observations.core, T_given)
     return Initialization(
         T_camera_lidar=T_given,
         agreement=agreement,
-        settings={"initialization": asdict(config)},
+        settings=recorded(config, observations),
         note=GIVEN,
         hypotheses=(describe(Candidate(T_given), agreement, T_given),),
         runner_up_margin=None,
     )
-
-
-def is_rival(best: Mounting, other: Mounting, least_deg: float) -> bool:
-    """Whether a hypothesis is another mounting that is not far enough behind the best one."""
-    return other.rotation_from_best_deg >= least_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN
 
 
 def with_best(initial: Initialization, best: Mounting, observations: Observations) -> Initialization:
@@ -166,19 +146,8 @@ def with_best(initial: Initialization, best: Mounting, observations: Observation
         agreement=core.agreement(few.core, T),
         hypotheses=hypotheses,
         runner_up_margin=None if other is None else hypotheses[0].margin(other),
+        runner_up=other,
     )
-
-
-def check_runner_up(best: Mounting, other: Mounting | None) -> tuple[Finding, ...]:
-    """Check that the runner-up is far enough behind the best hypothesis."""
-    if other is None:
-        return ()
-    margin = best.margin(other)
-    found = (
-        f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels "
-        f"{fit_of_rival(margin, MIN_RUNNER_UP_MARGIN, 2)}"
-    )
-    return OTHER_MOUNTING.measured(margin, found).findings
 
 
 def _rank(
@@ -188,6 +157,13 @@ def _rank(
     scored = [(each, core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
     covering = [(each, agreement) for each, agreement in scored if agreement.overlap >= min_overlap]
     return sorted(covering or scored, key=lambda pair: pair[1].bias - pair[1].mutual_information)
+
+
+def recorded(config: InitializationConfig, observations: Observations) -> dict[str, object]:
+    """Return what a result records of the settings of the search."""
+    settings = asdict(config)
+    settings["alignment"]["max_baseline_m"] = observations.max_baseline_m
+    return {"initialization": settings}
 
 
 def _align_given(
@@ -222,10 +198,12 @@ def _align(
     band. The coarse level after it moves poses out of local maxima.
     """
     levels = config.alignment
+    # Blocks this coarse have no edge band, whatever its width at pixels.
+    seen = observations.without_edge_band.core
     width, height = observations.camera.width, observations.camera.height
     for blocks_across, num_kept in zip(levels.blocks_across, levels.num_kept, strict=True):
         aligned = core.align(
-            observations.core,
+            seen,
             [candidate.T_camera_lidar for candidate in candidates],
             levels,
             factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),

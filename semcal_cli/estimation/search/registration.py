@@ -8,7 +8,7 @@ import numpy as np
 
 from semcal_cli import core
 from semcal_cli.config import InitializationConfig
-from semcal_cli.errors import CalibrationError, InputError, told_apart
+from semcal_cli.errors import CalibrationError, InputError, format_against_limit
 from semcal_cli.estimation.search.pnp import solve_pnp
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center
@@ -96,7 +96,7 @@ def _grid(observations: Observations) -> core.Grid:
     outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
     if outside > MAX_SHARE_OUTSIDE:
         low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
-        share, most = told_apart(outside, MAX_SHARE_OUTSIDE, unit="%")
+        share, most = format_against_limit(outside, MAX_SHARE_OUTSIDE, unit="%")
         raise InputError(
             f"lidar.fov_down_deg, lidar.fov_up_deg: found {share} of the points outside, needed at most "
             f"{most}; the points are from {low:.1f} to {high:.1f} degrees"

@@ -20,46 +20,25 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
+from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.uncertainty.sensitivity import MANY, determined_sensitivity, sensitivity
-from semcal_cli.findings.check import WIDE_INTERVAL
-from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directions
+from semcal_cli.result.uncertainty import LabelBleed, Uncertainty
 
 BLEED_FRAMES = 2
 """Number of frames from which the effect of bleeding labels is computed; all frames show the same effect."""
-MAX_HALF_WIDTH_M = WIDE_INTERVAL.limit("position")
-"""Largest half width of a 95 % interval of the camera's position of a trusted pose, in metres."""
-MAX_HALF_WIDTH_DEG = WIDE_INTERVAL.limit("rotation")
-"""Largest half width of a 95 % interval of the rotation of a trusted pose, in degrees."""
-
 CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 """Structuring element: a pixel and its four neighbours."""
-
-
-def undetermined(uncertainty: Uncertainty, advice: str | None = None) -> tuple[Finding, ...]:
-    """Report the directions that the data do not determine well enough, with advice if it is not more frames."""
-    center, rotation = wide_directions(uncertainty.half_widths, MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG)
-    widths = [f"{half:.2f} m {name}" for name, half in center]
-    widths += [f"{half:.1f} degrees {name}" for name, half in rotation]
-    if not widths:
-        return ()
-    needed = f"needed at most {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
-    sentence = f"the interval is too wide, +- {', +- '.join(widths)} (95 %), {needed}"
-    finding = WIDE_INTERVAL.finding(sentence)
-    return (finding if advice is None else finding._replace(advice=advice),)
 
 
 def estimate_uncertainty(
     observations: Observations,
     T_camera_lidar: Pose,
     *,
-    edge_band_px: int = EDGE_BAND_PX,
     of_others: Matrix | None = None,
 ) -> Uncertainty | None:
     """Estimate the uncertainty of a polished pose.
@@ -67,7 +46,6 @@ def estimate_uncertainty(
     Args:
         observations: The observations that the pose was polished on.
         T_camera_lidar: (4, 4), metres.
-        edge_band_px: Width of the edge band in the settings of the polish.
         of_others: (6, 6) covariance of the pose from what keeps the drive's values: stated errors of the intrinsics,
             and errors of intrinsics or the clock that the estimate leaves open.
 
@@ -76,7 +54,7 @@ def estimate_uncertainty(
     """
     # Cues with many maxima are rough at full resolution, where maxima are as wide as a pixel.
     measure = sensitivity if observations.starts is None else determined_sensitivity
-    around = measure(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
+    around = measure(observations, T_camera_lidar, SensitivityConfig())
     if around is None or not around.is_determined:
         return None
     scatter = around.scatter(around.influence)
@@ -104,7 +82,7 @@ def label_bleed(
 ) -> LabelBleed | None:
     """Compute how far the pose moves if the labels of all images bleed by one pixel.
 
-    A few frames are polished twice, with their own labels and with bled ones.
+    A few frames are polished twice, with their own labels and with rare classes grown.
 
     Args:
         observations: Labelled points and label images.
@@ -117,7 +95,7 @@ def label_bleed(
     """
     few = few_frames(observations, BLEED_FRAMES)
     as_they_are = newton(few, T_camera_lidar, config)
-    labels = bled([image.classes for image in few.images])
+    labels = grow_rare_classes([image.classes for image in few.images])
     bleeding = few.with_images(
         image.without_shares().with_classes(classes)
         for image, classes in zip(few.images, labels, strict=True)
@@ -134,14 +112,14 @@ def label_bleed(
     return LabelBleed(camera_center_m=moved[:3].tolist(), rotation_deg=np.degrees(moved[3:]).tolist())
 
 
-def bled(images: Sequence[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.uint8]]:
+def grow_rare_classes(images: Sequence[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.uint8]]:
     """Let the rarer of two neighbouring classes grow over the commoner one by one pixel.
 
     Args:
         images: (H, W) classes of each label image.
 
     Returns:
-        (H, W) classes of each label image, bled.
+        (H, W) classes of each label image, grown.
     """
     sizes = np.sum([np.bincount(image.ravel(), minlength=NO_CLASS + 1) for image in images], axis=0)
     sizes[NO_CLASS] = np.iinfo(sizes.dtype).max  # NO_CLASS counts as the commonest, so it grows over nothing.

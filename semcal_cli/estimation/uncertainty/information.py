@@ -7,6 +7,8 @@ carry no more information than null partitions, and 1 where they determine every
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.observations.observations import Observations
 
@@ -74,7 +75,7 @@ class InformationBySquares:
 
 def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> InformationBySquares:
     """Measure the information of points about pixels at a pose (4, 4), in full resolution."""
-    parts = core.information(observations.core, T_camera_lidar, EDGE_BAND_PX)
+    parts = core.information(observations.core, T_camera_lidar)
     squares, sums, weights = zip(*parts, strict=True) if parts else ((), (), ())
     places = np.array(squares, np.intp).reshape(-1, 3)
     places[:, 0] = observations.frame_indices[places[:, 0]]
@@ -83,13 +84,19 @@ def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> 
     )
 
 
-def paired_gain(before: InformationBySquares, after: InformationBySquares) -> core.HeldOutGain:
+def paired_gain(before: InformationBySquares, after: InformationBySquares) -> core.InformationGain:
     """Compute the gain of the mean from one model to another of the same frames, whose squares are paired."""
     _, places = np.unique(np.vstack([before.squares, after.squares]), axis=0, return_inverse=True)
     influences = np.bincount(places.ravel(), np.concatenate([-before.influence, after.influence]))
-    return core.HeldOutGain.of_parts(
+    return core.InformationGain.of_parts(
         (influences + (after.mean - before.mean) / max(len(influences), 1)).tolist()
     )
+
+
+def sigmas_behind(observations: Observations, T_camera_lidar: Pose, rivals: Sequence[Pose]) -> list[float]:
+    """Compute the standard errors by which rivals (4, 4) are behind a pose (4, 4); 0 if too few squares are seen."""
+    gains = core.information_gains(observations.core, T_camera_lidar, rivals)
+    return [-gain.gain / max(gain.sigma, 1e-12) if math.isfinite(gain.sigma) else 0.0 for gain in gains]
 
 
 def information_by_frame(joints: Numbers, table: Numbers) -> Numbers:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from semcal_cli.errors import InputError, check_installed
 from semcal_cli.many.batch.processes import Worker
 from semcal_cli.many.batch.run import Execute, Run, execute_task
-from semcal_cli.many.batch.tasks import Outcome, Task, failed
+from semcal_cli.many.batch.tasks import Outcome, Task, failed_outcome
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 CONNECT_S = 30
-_of_thread = threading.local()
+_thread_state = threading.local()
 """Process of each thread of a Dask worker, which is kept for the next batch."""
 
 
@@ -49,7 +49,7 @@ def execute_on(client: Client, folder: Path, run: Run) -> Execute:
                 yield get()
             except LostWorkerError as error:
                 # There is no record of this, so the next run repeats the drive.
-                yield failed(task.drive, str(error))
+                yield failed_outcome(task.drive, str(error))
 
     return execute
 
@@ -61,13 +61,13 @@ class LostWorkerError(Exception):
 def on_cluster(
     client: Client, work: Callable[[Item], Answer], items: Iterable[Item]
 ) -> Generator[tuple[Item, Callable[[], Answer]], None, None]:
-    """Work on items on a cluster, and give each when it is done, with a function that returns what the work returned.
+    """Work on items on a cluster, and yield each when it is done, with a function that returns what the work returned.
 
     That function raises whatever the work raised, or `LostWorkerError`.
     """
     from distributed import KilledWorker, as_completed
 
-    of_item = {client.submit(work, item, pure=False): item for item in items}
+    items_by_future = {client.submit(work, item, pure=False): item for item in items}
 
     def get(done: Future[Answer]) -> Answer:
         try:
@@ -77,19 +77,19 @@ def on_cluster(
         return answer
 
     try:
-        for done in as_completed(of_item):
-            yield of_item[done], partial(get, done)
+        for done in as_completed(items_by_future):
+            yield items_by_future[done], partial(get, done)
     finally:
-        client.cancel(list(of_item))
+        client.cancel(list(items_by_future))
 
 
 def worker_of_thread() -> Worker:
     """Return the process of this thread of a worker of the cluster, which stays for the next item."""
     # Dask's nannies make workers daemons, which must not have child processes; ours end with their worker.
     multiprocessing.current_process().daemon = False
-    if not hasattr(_of_thread, "process"):
-        _of_thread.process = Worker()
-    process: Worker = _of_thread.process
+    if not hasattr(_thread_state, "process"):
+        _thread_state.process = Worker()
+    process: Worker = _thread_state.process
     return process
 
 

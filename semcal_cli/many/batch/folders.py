@@ -29,34 +29,42 @@ TEMPORARY = re.compile(r"\.[0-9a-f]{16}\.tmp")
 _NEEDED = "needed a folder that is new, empty or from a batch"
 
 
-def check_apart(drives: Iterable[str], output: Path) -> None:
-    """Check that the folder of all results is not a drive's folder, and that neither is inside the other.
+def check_folders(tasks: Sequence[Task], folder: Path, output: Path) -> None:
+    """Check the folders of the results before any work.
+
+    Each drive has its own, they are apart from the drives, and only a batch wrote the files in them.
 
     Args:
-        drives: The drives: folders or files.
-        output: The folder as the user gave it.
+        tasks: The tasks, whose folders are in `folder`.
+        folder: The folder of all results, which need not exist.
+        output: The same as the user wrote it, for messages.
 
     Raises:
-        InputError: results would be among the files of a drive.
+        InputError: two drives have the same folder, results would be among the files of a drive or in the way of a file
+            of the batch, or a folder contains a file that would be replaced, a link, or the results of another batch.
     """
+    drives = [task.drive for task in tasks]
+    _check_distinct_folders(drives)
+    _check_apart(drives, output)
+    _check_made_by_batch(tasks, folder, output)
+
+
+def _check_apart(drives: Iterable[str], output: Path) -> None:
+    """Check that the folder of all results is not a drive's folder, and that neither is inside the other."""
     results = os.path.realpath(output)
     for drive in drives:
         for folder in _folders_of_drive(drive):
             shared = os.path.commonpath([results, folder])
             if shared in (results, folder):
-                found = "the folder of" if results == folder else "a folder in"
-                found = found if shared == folder else "a folder that contains"
+                relation = "the folder of" if results == folder else "a folder in"
+                relation = relation if shared == folder else "a folder that contains"
                 raise InputError(
-                    f"{output}: found {found} drive {drive}, needed a folder apart from the drives"
+                    f"{output}: found {relation} drive {drive}, needed a folder apart from the drives"
                 )
 
 
-def check_distinct_folders(drives: Iterable[str]) -> None:
-    """Check that no two drives share a results folder, and that no such folder has the name of a file of the batch.
-
-    Raises:
-        InputError: two drives have the same folder, or a drive's folder would be in the way of a file.
-    """
+def _check_distinct_folders(drives: Iterable[str]) -> None:
+    """Check that no two drives share a results folder, and that no such folder has the name of a file of the batch."""
     owners: dict[PurePosixPath, str] = {}
     for drive in drives:
         owner = owners.setdefault(folder_of(drive), drive)
@@ -73,35 +81,32 @@ def check_distinct_folders(drives: Iterable[str]) -> None:
                 )
 
 
-def check_made_by_batch(tasks: Sequence[Task], folder: Path, output: Path) -> None:
-    """Check that only a batch wrote the files in the results folders; to be called before any work.
-
-    Args:
-        tasks: The tasks, whose folders are in `folder`.
-        folder: The folder of all results, which need not exist.
-        output: The same as the user gave it, for messages.
-
-    Raises:
-        InputError: a folder contains a file that would be replaced, a link, or the results of another batch.
-    """
+def _check_made_by_batch(tasks: Sequence[Task], folder: Path, output: Path) -> None:
+    """Check that only a batch wrote the files in the results folders."""
     for name in OF_ALL:
         check_own_file(output / name)
-    above = [place / name for place in Path(os.path.realpath(folder)).parents for name in (LOCK, MARKER)]
+    above = [
+        drive_folder / name
+        for drive_folder in Path(os.path.realpath(folder)).parents
+        for name in (LOCK, MARKER)
+    ]
     for marker in (folder / MARKER, *above):
         if _mark(marker) == MARK:
             raise InputError(f"{output}: found the results of another batch in {marker.parent}, {_NEEDED}")
-    _check_marked(folder / LOCK, output)
+    _check_marker(folder / LOCK, output)
     for task in tasks:
-        place = _find_folder(task, folder, output)
-        if place is not None:
-            shown = output / place.relative_to(folder)
-            if _mark(place / LOCK) == MARK:
-                raise InputError(f"{output}: found the results of another batch in {shown}, {_NEEDED}")
-            _check_marked(place / MARKER, shown)
+        drive_folder = _find_folder(task, folder, output)
+        if drive_folder is not None:
+            name_of_folder = output / drive_folder.relative_to(folder)
+            if _mark(drive_folder / LOCK) == MARK:
+                raise InputError(
+                    f"{output}: found the results of another batch in {name_of_folder}, {_NEEDED}"
+                )
+            _check_marker(drive_folder / MARKER, name_of_folder)
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[int]:
+def claim_folder(folder: Path) -> Iterator[int]:
     """Lock and mark the folder of all results; yields the descriptor of the lock.
 
     Raises:
@@ -125,14 +130,14 @@ def make_folder_of_drive(task: Task, folder: Path) -> None:
     Raises:
         InputError: the folder cannot be made, or a link, a pipe or a folder is in the way.
     """
-    place = Path(task.folder)
+    drive_folder = Path(task.folder)
     _find_folder(task, folder, folder)
-    make_folder(place)
+    make_folder(drive_folder)
     for name in OF_DRIVE:
-        check_own_file(place / name)
-    if _mark(place / MARKER) != MARK:
-        with open_own(place / MARKER) as marker:
-            _write_mark(marker.fileno(), place / MARKER)
+        check_own_file(drive_folder / name)
+    if _mark(drive_folder / MARKER) != MARK:
+        with open_own(drive_folder / MARKER) as marker:
+            _write_mark(marker.fileno(), drive_folder / MARKER)
 
 
 def _folders_of_drive(drive: str) -> set[str]:
@@ -143,34 +148,32 @@ def _folders_of_drive(drive: str) -> set[str]:
     return {os.path.realpath(path)}
 
 
-def _check_marked(marker: Path, shown: Path) -> None:
+def _check_marker(marker: Path, name_of_folder: Path) -> None:
     """Check that a folder has a marker or no files that would be replaced."""
     mark, folder = _mark(marker), marker.parent
     if mark == MARK:
         return
     names = set[str]()
     with suppress(OSError):  # There is no such folder, or the batch cannot write there.
-        names = {each.name for each in folder.iterdir()}
-    ours = {name for name in names if name in OF_ALL or name in OF_DRIVE or TEMPORARY.fullmatch(name)}
+        names = {path.name for path in folder.iterdir()}
+    replaceable = {name for name in names if name in OF_ALL or name in OF_DRIVE or TEMPORARY.fullmatch(name)}
     # A batch that was killed at its start leaves part of a marker. Only files and links are ever replaced.
-    kept = {name for name in ours if kind_of(folder / name) in (FILE, LINK)}
-    if found := kept - ({marker.name} if MARK.startswith(mark) else set()):
-        raise InputError(f"{shown}: found {min(found)}, which no batch wrote, {_NEEDED}")
+    kept = {name for name in replaceable if kind_of(folder / name) in (FILE, LINK)}
+    if foreign := kept - ({marker.name} if MARK.startswith(mark) else set()):
+        raise InputError(f"{name_of_folder}: found {min(foreign)}, which no batch wrote, {_NEEDED}")
 
 
 def _find_folder(task: Task, folder: Path, output: Path) -> Path | None:
     """Find the folder of a drive's results, which must not be a link; None if there is none yet."""
-    place = folder
+    path = folder
     for part in Path(task.folder).relative_to(folder).parts:
-        place /= part
-        kind = kind_of(place)
+        path /= part
+        kind = kind_of(path)
         if kind == LINK:
-            raise InputError(
-                f"{output / place.relative_to(folder)}: found a link, needed a folder or nothing"
-            )
+            raise InputError(f"{output / path.relative_to(folder)}: found a link, needed a folder or nothing")
         if kind != FOLDER:
             return None
-    return place
+    return path
 
 
 def _mark(path: Path) -> bytes:
@@ -180,9 +183,9 @@ def _mark(path: Path) -> bytes:
 def _write_mark(marker: int, path: Path) -> None:
     """Write a marker, or the rest of one whose writing was interrupted."""
     try:
-        written = os.fstat(marker).st_size
-        if written < len(MARK):
-            os.write(marker, MARK[written:])
+        num_written = os.fstat(marker).st_size
+        if num_written < len(MARK):
+            os.write(marker, MARK[num_written:])
             os.fsync(marker)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {os_reason(error)}") from None

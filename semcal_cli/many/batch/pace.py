@@ -45,9 +45,9 @@ class Pace:
     def end(self, name: str) -> None:
         """Note that an item is done. The beginning of items that run on a cluster is not known."""
         with self._lock:
-            begun = self._begun.pop(name, None)
-            if begun is not None:
-                self._durations_s.append(self._clock() - begun)
+            start = self._begun.pop(name, None)
+            if start is not None:
+                self._durations_s.append(self._clock() - start)
             self._num_ended += 1
             self.num_left -= 1
 
@@ -55,7 +55,7 @@ class Pace:
         """List the names of the running items, each with the seconds since it began, oldest first."""
         with self._lock:
             now = self._clock()
-            return [(name, now - begun) for name, begun in self._begun.items()]
+            return [(name, now - start) for name, start in self._begun.items()]
 
     def left_s(self) -> float | None:
         """Estimate the seconds until all items are done; None while nothing is known.

@@ -28,7 +28,7 @@ NUM_ATTEMPTS = 2
 """Number of times that a process may end before pebble sees its work begin; in rare cases, the work has just begun."""
 
 Item = TypeVar("Item")
-Outcome = TypeVar("Outcome")
+Result = TypeVar("Result")
 Answer = TypeVar("Answer")
 
 
@@ -103,8 +103,8 @@ class Worker:
 
 
 def in_processes(
-    items: Sequence[Item], do: Callable[[Worker, Item], Outcome], num_jobs: int
-) -> Generator[Outcome, None, None]:
+    items: Sequence[Item], do: Callable[[Worker, Item], Result], num_jobs: int
+) -> Generator[Result, None, None]:
     """Work on items on this machine, several at a time, and yield each outcome when it is ready.
 
     Args:
@@ -117,7 +117,7 @@ def in_processes(
     for worker in workers:
         free.put(worker)
 
-    def do_by_any(item: Item) -> Outcome:
+    def do_by_any(item: Item) -> Result:
         worker = free.get()
         try:
             return do(worker, item)

@@ -38,7 +38,7 @@ from semcal_cli.files.output_files import write_text
 from semcal_cli.files.point_clouds import max_bytes
 from semcal_cli.files.validation import StrictModel, Version, validate
 from semcal_cli.geometry.poses import camera_center, quaternion_xyzw
-from semcal_cli.many.batch.tasks import FAILED, RECORD, Outcome, Task
+from semcal_cli.many.batch.tasks import RECORD, Outcome, Task
 from semcal_cli.result.uncertainty import Covariance
 
 MAX_RECORD_BYTES = 32 << 20
@@ -103,10 +103,10 @@ _STATE: TypeAdapter[FileState | None] = TypeAdapter(FileState | None)
 def read_state(path: Path, *, with_hash: bool = True) -> FileState | None:
     """Read the state of a file; None if the file cannot be read."""
     try:
-        digest, found = hash_file(path) if with_hash else None, path.stat()
+        digest, stat = hash_file(path) if with_hash else None, path.stat()
     except (InputError, OSError):
         return None
-    return FileState(size=found.st_size, mtime_ns=found.st_mtime_ns, sha256=digest)
+    return FileState(size=stat.st_size, mtime_ns=stat.st_mtime_ns, sha256=digest)
 
 
 def read_inputs(task: Task) -> Inputs:
@@ -116,7 +116,7 @@ def read_inputs(task: Task) -> Inputs:
     and their state is size and time only.
     """
     file = drive_file(Path(task.path))
-    paths = dict.fromkeys((file, *map(Path, task.also)), MAX_DOCUMENT_BYTES)
+    paths = dict.fromkeys((file, *map(Path, task.other_files)), MAX_DOCUMENT_BYTES)
     with suppress(InputError):
         drive = read_drive(file)
         paths |= dict.fromkeys(
@@ -135,7 +135,7 @@ def write_record(task: Task, outcome: Outcome, inputs: Inputs, *, timed_out: boo
     result = None if outcome.result is None else read_state(task.result)
     document = {
         "semcal_record": 1,
-        "asked": _asked(task),
+        "asked": _request(task),
         "timed_out_s": task.timeout_s if timed_out else None,
         "outcome": vars(outcome),
         "result": result and vars(result),
@@ -163,9 +163,9 @@ def read_outcome(task: Task) -> Outcome | None:
     except (InputError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
         return None  # It is not a record, or one of another version.
     has_more_time = record.timed_out_s is not None and (task.timeout_s or math.inf) > record.timed_out_s
-    if record.asked != _asked(task) or has_more_time:
+    if record.asked != _request(task) or has_more_time:
         return None
-    if record.outcome.status != FAILED:
+    if not record.outcome.is_failed:
         # A link does not count as a result.
         has_result = record.result is not None and kind_of(task.result) == FILE
         if not has_result or not _is_unchanged(str(task.result), record.result):
@@ -187,28 +187,28 @@ def _size(path: Path) -> int:
     return 0
 
 
-def _asked(task: Task) -> dict[str, object]:
-    """Everything that affects the answer except the files."""
-    asked = {"drive": task.drive, "path": task.path, "command": task.command}
-    return {**asked, "arguments": list(task.arguments), "version": _version("semcal")}
+def _request(task: Task) -> dict[str, object]:
+    """Describe everything that affects the answer except the files."""
+    request = {"drive": task.drive, "path": task.path, "command": task.command}
+    return {**request, "arguments": list(task.arguments), "version": _version("semcal")}
 
 
 def _is_unchanged(path: str, state: FileState | None) -> bool:
     try:
-        found = os.stat(path)  # noqa: PTH116 - making a Path takes longer than the call, for many files
+        stat = os.stat(path)  # noqa: PTH116 - making a Path takes longer than the call, for many files
     except (OSError, ValueError):
         return state is None
     if state is None:
         return False
-    if (found.st_size, found.st_mtime_ns) == (state.size, state.mtime_ns):
+    if (stat.st_size, stat.st_mtime_ns) == (state.size, state.mtime_ns):
         return True
-    if found.st_size != state.size or state.sha256 is None:
+    if stat.st_size != state.size or state.sha256 is None:
         return False
-    now = read_state(Path(path))
-    return now is not None and now.sha256 == state.sha256
+    current = read_state(Path(path))
+    return current is not None and current.sha256 == state.sha256
 
 
-def worst(exit_codes: Iterable[int]) -> int:
+def worst_exit_code(exit_codes: Iterable[int]) -> int:
     """Choose the exit code of a batch from those of its drives: 1, then 3, then 4, then 0."""
     return min(exit_codes, key=WORST_FIRST.index, default=0)
 
@@ -240,7 +240,7 @@ def _row(outcome: Outcome) -> list[object]:
         # The covariance is that of a twist on the left: rho moves the camera centre along the camera's axes.
         deviations = np.sqrt(np.diag(np.array(outcome.covariance))).tolist()
         sigmas = [*deviations[:3], *map(math.degrees, deviations[3:])]
-    known = (outcome.mutual_information_nats, outcome.stamp, outcome.result)
-    information, stamp, result = ("" if value is None else value for value in known)
+    cells = (outcome.mutual_information_nats, outcome.stamp, outcome.result)
+    information, stamp, result = ("" if value is None else value for value in cells)
     head = [outcome.drive, outcome.status, outcome.exit_code, information]
     return [*head, *pose, *sigmas, stamp, result, "; ".join(outcome.reasons)]

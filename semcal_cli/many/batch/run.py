@@ -18,10 +18,10 @@ from typing import TypeAlias, TypeVar
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import open_own
-from semcal_cli.many.batch.folders import claimed, is_still_claimed, make_folder_of_drive
+from semcal_cli.many.batch.folders import claim_folder, is_still_claimed, make_folder_of_drive
 from semcal_cli.many.batch.processes import ProcessError, Worker, in_processes
 from semcal_cli.many.batch.records import Inputs, read_inputs, read_outcome, write_record, write_summary
-from semcal_cli.many.batch.tasks import LOG, Outcome, Task, failed
+from semcal_cli.many.batch.tasks import Outcome, Task, failed_outcome
 
 Execute: TypeAlias = Callable[[Sequence[Task]], Generator[Outcome, None, None]]
 """Function that runs tasks and yields the outcome of each when it is done."""
@@ -30,7 +30,7 @@ Run: TypeAlias = Callable[[Task, Inputs], Outcome]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-MACHINE = frozenset(
+MACHINE_ERRORS = frozenset(
     {
         *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO),
         *(errno.ENOMEM, errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.EBUSY, errno.EINTR, errno.ENOLCK),
@@ -64,21 +64,21 @@ def run_batch(
         InputError: another batch is using the folder, or it cannot be written to.
     """
 
-    def with_result(outcome: Outcome) -> Outcome:
+    def check_result(outcome: Outcome) -> Outcome:
         if outcome.result is None or kind_of(folder / outcome.result) == FILE:
             return outcome
-        found = f"{folder / outcome.result}: found no file when the run ended, needed the result"
-        return failed(outcome.drive, found)
+        reason = f"{folder / outcome.result}: found no file when the run ended, needed the result"
+        return failed_outcome(outcome.drive, reason)
 
-    with claimed(folder) as lock:
+    with claim_folder(folder) as lock:
 
         def finish(outcomes: list[Outcome]) -> None:
-            outcomes[:] = map(with_result, outcomes)
-            with nullcontext() if is_still_claimed(lock, folder) else claimed(folder):
+            outcomes[:] = map(check_result, outcomes)
+            with nullcontext() if is_still_claimed(lock, folder) else claim_folder(folder):
                 write_summary(outcomes, folder)
 
-        known = (lambda task: None) if force else read_outcome
-        return resume(tasks, known, execute, on_done=on_done, finish=finish)
+        read_known = (lambda task: None) if force else read_outcome
+        return resume(tasks, read_known, execute, on_done=on_done, finish=finish)
 
 
 def resume(
@@ -106,12 +106,12 @@ def resume(
     results: list[Result] = []
     missing = []
     for item in items:
-        known = read_result(item)
-        if known is None:
+        earlier_result = read_result(item)
+        if earlier_result is None:
             missing.append(item)
         else:
-            results.append(known)
-            on_done(known, False)
+            results.append(earlier_result)
+            on_done(earlier_result, False)
     try:
         # Closing the generator ends its processes; a traceback would keep it alive.
         with closing(execute(missing)) as new:
@@ -148,29 +148,29 @@ def execute_task(folder: Path, worker: Worker, run: Run, task: Task) -> Outcome:
     Raises:
         CancelledError: the batch was stopped.
     """
-    begun, left_s, inputs = monotonic(), task.timeout_s, Inputs()
+    start, left_s, inputs = monotonic(), task.timeout_s, Inputs()
     try:
         make_folder_of_drive(task, folder)
         try:
             inputs = worker.ask(read_inputs, task, timeout_s=left_s)
             if task.timeout_s is not None:
-                left_s = max(task.timeout_s - (monotonic() - begun), sys.float_info.min)
+                left_s = max(task.timeout_s - (monotonic() - start), sys.float_info.min)
             return worker.ask(run, task, inputs, timeout_s=left_s)
         except ProcessError as error:
             reason = f"timed out after {task.timeout_s:g} s" if error.is_timed_out else str(error)
-            outcome = failed(task.drive, reason)
-            with suppress(OSError, InputError), open_own(Path(task.folder) / LOG) as log:
+            outcome = failed_outcome(task.drive, reason)
+            with suppress(OSError, InputError), open_own(task.log) as log:
                 log.write(f"{reason}\n".encode())
             # A process that ends before it has read the drive's files does not end because of their content.
             if error.is_timed_out or (inputs and not error.is_from_outside):
                 write_record(task, outcome, inputs, timed_out=error.is_timed_out)
             return outcome
     except InputError as error:
-        return failed(task.drive, str(error))
+        return failed_outcome(task.drive, str(error))
     except OSError as error:
-        return failed(task.drive, f"{error.filename or task.folder}: {os_reason(error)}")
+        return failed_outcome(task.drive, f"{error.filename or task.folder}: {os_reason(error)}")
     except MemoryError as error:  # The process could not read the files, and continues with the next drive.
-        return failed(task.drive, f"MemoryError: {error}")
+        return failed_outcome(task.drive, f"MemoryError: {error}")
 
 
 def is_of_machine(failure: BaseException | None, folder: Path) -> bool:
@@ -180,14 +180,14 @@ def is_of_machine(failure: BaseException | None, folder: Path) -> bool:
         failure: The error that ended the run, if any.
         folder: Folder of the results; what cannot be written there is not the drive's fault.
     """
-    ours = os.path.realpath(folder) + os.sep
+    prefix = os.path.realpath(folder) + os.sep
     while failure is not None:
         if isinstance(failure, MemoryError):
             return True
         if isinstance(failure, OSError):
             name = failure.filename
-            if failure.errno in MACHINE or (
-                isinstance(name, str) and os.path.realpath(name).startswith(ours)
+            if failure.errno in MACHINE_ERRORS or (
+                isinstance(name, str) and os.path.realpath(name).startswith(prefix)
             ):
                 return True
         # An error for the user is raised from one of the system.

@@ -21,8 +21,8 @@ from semcal_cli.result.calibration_document import Topic, read_calibration
 from semcal_cli.result.provenance import camera_hash
 from semcal_cli.result.uncertainty import Covariance, CovarianceEntries, check_part
 
-LISTS = (".txt", ".list")
-MAGIC = "*?["
+LIST_SUFFIXES = (".txt", ".list")
+PATTERN_CHARACTERS = "*?["
 MAX_SHOWN = 200
 """Number of characters of a wrong name that a message shows."""
 MAX_NAME_BYTES = 4095
@@ -40,16 +40,16 @@ def find_drives(arguments: Sequence[str], stdin: TextIO | None) -> list[str]:
         InputError: no drives are named, a pattern matches nothing, a list cannot be read, or a name or the working
             folder is not one line of UTF-8 text.
     """
-    _one_line(str(Path.cwd()))
-    found: dict[str, str] = {}
+    _check_name(str(Path.cwd()))
+    names: dict[str, str] = {}
     for argument in arguments:
-        for name in _expanded(argument, stdin):
+        for name in _expand(argument, stdin):
             normal = os.path.normpath(name)
             # Two names of the same drive count once.
-            found.setdefault(os.path.realpath(drive_file(Path(normal))), normal)
-    if not found:
+            names.setdefault(os.path.realpath(drive_file(Path(normal))), normal)
+    if not names:
         raise InputError(f"{', '.join(arguments)}: found no drive, needed at least one")
-    return sorted(found.values())
+    return sorted(names.values())
 
 
 def folder_of(drive: str) -> PurePosixPath:
@@ -61,31 +61,31 @@ def folder_of(drive: str) -> PurePosixPath:
     return PurePosixPath(*parts or ["_"])
 
 
-def _expanded(argument: str, stdin: TextIO | None) -> list[str]:
+def _expand(argument: str, stdin: TextIO | None) -> list[str]:
     if argument == "-":
         if stdin is None:
             raise InputError("standard input: found none, needed a list of drives")
-        return _listed(stdin.buffer.read(MAX_DOCUMENT_BYTES + 1), "standard input")
+        return _read_list(stdin.buffer.read(MAX_DOCUMENT_BYTES + 1), "standard input")
     path = Path(argument)
-    if path.suffix.lower() in LISTS and not is_folder(path):
-        return _listed(read_start(path, MAX_DOCUMENT_BYTES + 1), argument)
-    return [_one_line(name) for name in _matches(argument)]
+    if path.suffix.lower() in LIST_SUFFIXES and not is_folder(path):
+        return _read_list(read_start(path, MAX_DOCUMENT_BYTES + 1), argument)
+    return [_check_name(name) for name in _matches(argument)]
 
 
-def _listed(content: bytes, source: str) -> list[str]:
+def _read_list(content: bytes, source: str) -> list[str]:
     """Read names of drives, one on each line; empty lines and lines that begin with # are ignored."""
     if len(content) > MAX_DOCUMENT_BYTES:
         raise InputError(f"{source}: found more than {MAX_DOCUMENT_BYTES >> 20} MiB, needed a list of drives")
     names = []
     for number, line in enumerate(content.removeprefix(codecs.BOM_UTF8).splitlines(), start=1):
         where = f"{source}: line {number}: "
-        name = _one_line(line.strip().decode(errors="surrogateescape"), where)
+        name = _check_name(line.strip().decode(errors="surrogateescape"), where)
         if name and not name.startswith("#"):
-            names += [_one_line(found, where) for found in _matches(name)]
+            names += [_check_name(match, where) for match in _matches(name)]
     return names
 
 
-def _one_line(name: str, where: str = "") -> str:
+def _check_name(name: str, where: str = "") -> str:
     """Check that a name fits in one line of the summary and of the terminal."""
     text = name.encode(errors="surrogateescape").decode(errors="backslashreplace")
     if (
@@ -101,16 +101,16 @@ def _one_line(name: str, where: str = "") -> str:
 
 def _matches(name: str) -> list[str]:
     path = Path(name)
-    if not any(character in name for character in MAGIC) or os.access(path, os.F_OK):
+    if not any(character in name for character in PATTERN_CHARACTERS) or os.access(path, os.F_OK):
         return [name]
     root = Path(path.anchor)
     try:
-        found = sorted(map(str, root.glob(str(path.relative_to(root)))))
+        matches = sorted(map(str, root.glob(str(path.relative_to(root)))))
     except (OSError, ValueError) as error:
         raise InputError(f"{name}: found an invalid pattern: {' '.join(str(error).splitlines())}") from None
-    if not found:
+    if not matches:
         raise InputError(f"{name}: found no match for this pattern, needed drives")
-    return found
+    return matches
 
 
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
@@ -119,7 +119,7 @@ PART = ".part"
 """Suffix of a result that is being written."""
 FAILED = "failed"
 """Status of a drive without an answer."""
-Status: TypeAlias = Literal[
+OutcomeStatus: TypeAlias = Literal[
     "trusted", "not_trusted", "not_assessed", "pass", "fail", "inconclusive", "failed"
 ]
 
@@ -129,7 +129,7 @@ class Task:
     """The run of a command on one drive, in any process; paths are absolute."""
 
     drive: str
-    """Name of the drive as the user gave it."""
+    """Name of the drive as the user wrote it."""
     path: str
     """The drive's folder or file."""
     folder: str
@@ -138,7 +138,7 @@ class Task:
     """`calibrate` or `verify`."""
     arguments: tuple[str, ...] = ()
     """Arguments of the command that affect the answer."""
-    also: tuple[str, ...] = ()
+    other_files: tuple[str, ...] = ()
     """Files that the command reads besides those of the drive."""
     num_threads: int = 1
     """Threads of its process."""
@@ -152,13 +152,28 @@ class Task:
         """File of the result."""
         return Path(self.folder) / RESULTS[self.command]
 
+    @property
+    def unfinished_result(self) -> Path:
+        """File of the result while it is being written."""
+        return self.result.with_name(f"{self.result.name}{PART}")
+
+    @property
+    def log(self) -> Path:
+        """File of what the command prints."""
+        return Path(self.folder) / LOG
+
+    @property
+    def times(self) -> Path:
+        """File of the events of the command, with their times."""
+        return Path(self.folder) / TIMES
+
 
 class Outcome(StrictModel):
     """The outcome of a drive: a line of the summary. It contains neither times nor machines."""
 
     drive: FileName
     """The drive as it was given."""
-    status: Status
+    status: OutcomeStatus
     """Status of the calibration, verdict of `verify`, or `failed`."""
     exit_code: Literal[0, 1, 3, 4]
     """Exit code of the command."""
@@ -181,17 +196,38 @@ class Outcome(StrictModel):
     covariance_of_intrinsics: Covariance | None = None
     """(6, 6) part of the covariance from errors of K, which all drives of a camera share."""
 
+    @property
+    def is_failed(self) -> bool:
+        """Whether the drive has no answer."""
+        return self.status == FAILED
+
     @model_validator(mode="after")
     def _check_part(self) -> Outcome:
         check_part(self.covariance_of_intrinsics, self.covariance)
         return self
 
 
-def failed(drive: str, reason: str) -> Outcome:
+def failed_outcome(drive: str, reason: str) -> Outcome:
     """Make the outcome of a drive without an answer; its reason is put on one line of valid UTF-8."""
     text = reason.encode(errors="backslashreplace").decode()
     reasons = (" ".join(text.splitlines()),)
     return Outcome(drive=drive, status="failed", exit_code=1, reasons=reasons)
+
+
+def describe_outcome(task: Task, exit_code: int, line: str) -> Outcome:
+    """Describe the outcome of a command that ended.
+
+    Args:
+        task: Task of the command.
+        exit_code: Exit code of the command.
+        line: The error that the command printed; empty if there was none.
+
+    Raises:
+        InputError: the file of the result is not a result of the command.
+    """
+    if exit_code in (0, 3, 4):
+        return describe_result(task, exit_code)
+    return failed_outcome(task.drive, line or f"the command ended with exit code {exit_code}")
 
 
 def describe_result(task: Task, exit_code: int) -> Outcome:
@@ -204,24 +240,24 @@ def describe_result(task: Task, exit_code: int) -> Outcome:
     Raises:
         InputError: the file is not a result of the command.
     """
-    known: dict[str, Any] = {"drive": task.drive, "exit_code": exit_code}
-    known["stamp"] = first_stamp(read_drive(Path(task.path)))
-    known["result"] = str(folder_of(task.drive) / task.result.name)
+    fields: dict[str, Any] = {"drive": task.drive, "exit_code": exit_code}
+    fields["stamp"] = first_stamp(read_drive(Path(task.path)))
+    fields["result"] = str(folder_of(task.drive) / task.result.name)
     if task.command == "calibrate":
-        found = read_calibration(task.result)
-        uncertainty = found.uncertainty
-        known |= {
-            "status": found.status,
-            "reasons": found.reasons,
-            "topics": found.topics,
-            "T_camera_lidar": found.rows_camera_lidar,
+        calibration = read_calibration(task.result)
+        uncertainty = calibration.uncertainty
+        fields |= {
+            "status": calibration.status,
+            "reasons": calibration.reasons,
+            "topics": calibration.topics,
+            "T_camera_lidar": calibration.rows_camera_lidar,
             "covariance": uncertainty and uncertainty.covariance,
-            "mutual_information_nats": found.quality.mutual_information_nats,
-            "camera": camera_hash(found.used_camera),
+            "mutual_information_nats": calibration.quality.mutual_information_nats,
+            "camera": camera_hash(calibration.used_camera),
             "covariance_of_intrinsics": uncertainty and uncertainty.covariance_of_intrinsics,
         }
     else:
         document = read_document(task.result)
-        known |= {key: document.get(key) for key in ("reasons", "topics", "T_camera_lidar")}
-        known["status"] = document.get("verdict")
-    return validate(Outcome, known, task.result)
+        fields |= {key: document.get(key) for key in ("reasons", "topics", "T_camera_lidar")}
+        fields["status"] = document.get("verdict")
+    return validate(Outcome, fields, task.result)

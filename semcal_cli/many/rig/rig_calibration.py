@@ -44,7 +44,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Pair:
+class CameraPair:
     """Transform between two cameras of a rig."""
 
     a: str
@@ -73,8 +73,8 @@ class Pair:
         """Distance from the reference in words; empty without one."""
         if self.error is None or self.reference is None:
             return ""
-        off = f"{10.0 * self.error.camera_center_cm:.1f} mm and {self.error.rotation_deg:.3f} degrees"
-        return f"{off} from {self.reference.source}"
+        distance = f"{10.0 * self.error.camera_center_cm:.1f} mm and {self.error.rotation_deg:.3f} degrees"
+        return f"{distance} from {self.reference.source}"
 
     @property
     def is_explained(self) -> bool | None:
@@ -82,18 +82,18 @@ class Pair:
 
         None without a reference, if the region is unknown, or if either camera is not trusted.
         """
-        known = self.believed_uncertainty
-        if self.error is None or known is None:
+        uncertainty = self.believed_uncertainty
+        if self.error is None or uncertainty is None:
             return None
         # A translation rho moves the camera centre in the opposite direction.
         center_m = [-0.01 * x for x in self.error.camera_center_xyz_cm]
-        off = np.array([*center_m, *np.radians(self.error.rotation_xyz_deg)])
-        squared = float(off @ np.linalg.solve(np.array(known.covariance), off))
-        return squared <= joint_quantile(0.05, min(known.degrees_of_freedom))
+        offset = np.array([*center_m, *np.radians(self.error.rotation_xyz_deg)])
+        squared = float(offset @ np.linalg.solve(np.array(uncertainty.covariance), offset))
+        return squared <= joint_quantile(0.05, min(uncertainty.degrees_of_freedom))
 
     def describe(self) -> dict[str, Any]:
         """Make the entry of the pair in the document of a rig; the camera centre is that of a in the frame of b."""
-        reference, beside = None, {"weak_directions", "label_bleed", "intrinsics_cost"}
+        reference, excluded = None, {"weak_directions", "label_bleed", "intrinsics_cost"}
         if self.reference is not None:
             reference = {
                 "source": self.reference.source,
@@ -107,7 +107,9 @@ class Pair:
             "T_a_b": self.T_a_b.tolist(),
             "translation_m": self.T_a_b[:3, 3].tolist(),
             "quaternion_xyzw": quaternion_xyzw(self.T_a_b).tolist(),
-            "uncertainty": None if self.uncertainty is None else self.uncertainty.model_dump(exclude=beside),
+            "uncertainty": None
+            if self.uncertainty is None
+            else self.uncertainty.model_dump(exclude=excluded),
             "reference": reference,
         }
 
@@ -120,7 +122,7 @@ class RigCalibration:
     """Calibration of each camera that has one."""
     failures: Mapping[str, str]
     """Error of each camera that has no calibration."""
-    pairs: tuple[Pair, ...]
+    pairs: tuple[CameraPair, ...]
     """Transform between each two cameras."""
     num_sweeps: int
     """Number of different clouds that were read."""
@@ -130,14 +132,18 @@ class RigCalibration:
         """The worst status of all cameras: `failed`, or that of a calibration."""
         if self.failures:
             return "failed"
-        return min((each.status for each in self.cameras.values()), key=WORST_FIRST.index)
+        return min((calibration.status for calibration in self.cameras.values()), key=WORST_FIRST.index)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Findings and errors of all cameras, each preceded by the camera's name."""
         return (
             *(f"{name}: {reason}" for name, reason in self.failures.items()),
-            *(f"{name}: {reason}" for name, each in self.cameras.items() for reason in each.reasons),
+            *(
+                f"{name}: {reason}"
+                for name, calibration in self.cameras.items()
+                for reason in calibration.reasons
+            ),
         )
 
     @property
@@ -146,9 +152,9 @@ class RigCalibration:
         notes = []
         for pair in self.pairs:
             if pair.is_explained is False and pair.error is not None and pair.reference is not None:
-                off = f"{pair.error.camera_center_cm:.2f} cm and {pair.error.rotation_deg:.3f} deg"
+                distance = f"{pair.error.camera_center_cm:.2f} cm and {pair.error.rotation_deg:.3f} deg"
                 notes.append(
-                    f"T_{pair.a}_{pair.b} is {off} from {pair.reference.source}, more than chance explains"
+                    f"T_{pair.a}_{pair.b} is {distance} from {pair.reference.source}, more than chance explains"
                 )
         return tuple(notes)
 
@@ -172,8 +178,8 @@ def combine(
     pairs = []
     for a, b in combinations(cameras, 2):
         reference, T_a, T_b = None, drives[a].T_camera_lidar, drives[b].T_camera_lidar
-        if (stated := rig.reference(a, b)) is not None:
-            reference = Reference(stated, rig.path.name)
+        if (T_a_b := rig.reference(a, b)) is not None:
+            reference = Reference(T_a_b, rig.path.name)
         elif T_a is not None and T_b is not None:
             reference = Reference(np.array(T_a) @ inverse(np.array(T_b)), "T_camera_lidar of both drives")
         pairs.append(make_pair(a, cameras[a], b, cameras[b], reference))
@@ -181,47 +187,51 @@ def combine(
 
 
 def make_pair(
-    a: str, of_a: CalibrationDocument, b: str, of_b: CalibrationDocument, reference: Reference | None = None
-) -> Pair:
+    a: str,
+    calibration_a: CalibrationDocument,
+    b: str,
+    calibration_b: CalibrationDocument,
+    reference: Reference | None = None,
+) -> CameraPair:
     """Compute the transform between two cameras and its uncertainty.
 
     Args:
         a: Name of the first camera.
-        of_a: Calibration of the first camera.
+        calibration_a: CalibrationDocument of the first camera.
         b: Name of the second camera.
-        of_b: Calibration of the second camera.
+        calibration_b: CalibrationDocument of the second camera.
         reference: Reference transform to compare with.
     """
-    T_a_b = of_a.pose @ inverse(of_b.pose)
-    uncertainty, known_a, known_b = None, of_a.uncertainty, of_b.uncertainty
-    if known_a is not None and known_b is not None:
-        covariance_a, covariance_b = np.array(known_a.covariance), np.array(known_b.covariance)
+    T_a_b = calibration_a.pose @ inverse(calibration_b.pose)
+    uncertainty, uncertainty_a, uncertainty_b = None, calibration_a.uncertainty, calibration_b.uncertainty
+    if uncertainty_a is not None and uncertainty_b is not None:
+        covariance_a, covariance_b = np.array(uncertainty_a.covariance), np.array(uncertainty_b.covariance)
         Ad = adjoint(T_a_b)
         # Satterthwaite's degrees of freedom of the sum of the variances that both cameras contribute to an axis.
-        parts = np.hstack([np.diag(np.diag(covariance_a)), Ad**2 * np.diag(covariance_b)])
-        known = np.array([*known_a.degrees_of_freedom, *known_b.degrees_of_freedom])
-        degrees_of_freedom = parts.sum(axis=1) ** 2 / (parts**2 / known).sum(axis=1)
+        variances = np.hstack([np.diag(np.diag(covariance_a)), Ad**2 * np.diag(covariance_b)])
+        degrees = np.array([*uncertainty_a.degrees_of_freedom, *uncertainty_b.degrees_of_freedom])
+        degrees_of_freedom = variances.sum(axis=1) ** 2 / (variances**2 / degrees).sum(axis=1)
         covariance = covariance_a + Ad @ covariance_b @ Ad.T
         uncertainty = Uncertainty.from_covariance(T_a_b, covariance, degrees_of_freedom)
-    is_doubted = "not_trusted" in (of_a.status, of_b.status)
-    return Pair(a, b, T_a_b, uncertainty, reference, is_doubted)
+    is_doubted = "not_trusted" in (calibration_a.status, calibration_b.status)
+    return CameraPair(a, b, T_a_b, uncertainty, reference, is_doubted)
 
 
 def describe_rig(
-    rig_calibration: RigCalibration, files: Mapping[str, str], source: str, hashes: Mapping[str, str]
+    rig: RigCalibration, files: Mapping[str, str], source: str, hashes: Mapping[str, str]
 ) -> dict[str, Any]:
     """Make the document of a rig's calibration.
 
     Args:
-        rig_calibration: Calibrations of the rig.
+        rig: Calibrations of the rig.
         files: File of each camera's calibration, relative to this document.
         source: The rig.yaml, relative to this document.
         hashes: SHA-256 of the rig.yaml and of the drive.yaml of each camera.
     """
     cameras: dict[str, Any] = {
-        name: {"status": "failed", "reasons": [reason]} for name, reason in rig_calibration.failures.items()
+        name: {"status": "failed", "reasons": [reason]} for name, reason in rig.failures.items()
     }
-    for name, calibration in rig_calibration.cameras.items():
+    for name, calibration in rig.cameras.items():
         cameras[name] = {
             "status": calibration.status,
             "reasons": list(calibration.reasons),
@@ -230,12 +240,12 @@ def describe_rig(
         }
     return {
         "semcal_rig_calibration": 1,
-        "status": rig_calibration.status,
-        "reasons": list(rig_calibration.reasons),
-        "notes": list(rig_calibration.notes),
+        "status": rig.status,
+        "reasons": list(rig.reasons),
+        "notes": list(rig.notes),
         "cameras": cameras,
-        "pairs": [pair.describe() for pair in rig_calibration.pairs],
-        "num_sweeps": rig_calibration.num_sweeps,
+        "pairs": [pair.describe() for pair in rig.pairs],
+        "num_sweeps": rig.num_sweeps,
         "input": {"rig": source, "sha256": dict(hashes)},
         "versions": versions(),
     }

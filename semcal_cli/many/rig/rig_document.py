@@ -27,7 +27,7 @@ RESULT = "rig_calibration"
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 SAMPLE_BYTES = 65_536
 """Number of bytes in the middle of a file that, with its size, identify copies. No two sweeps agree in them."""
-Group: TypeAlias = tuple[list[str], set[Hashable]]
+_CameraGroup: TypeAlias = tuple[list[str], set[Hashable]]
 """Names of cameras, and what identifies their clouds."""
 
 
@@ -53,24 +53,24 @@ class Rig(StrictModel):
                 raise mismatch(describe(name), "a camera name of letters, digits, _, - and .")
             if name.lower() == RESULT:
                 raise mismatch(describe(name), "a name that differs from that of the rig's own result")
-        folded: dict[str, str] = {}
+        by_lower_case: dict[str, str] = {}
         for name in cameras:
-            if folded.setdefault(name.lower(), name) != name:
+            if by_lower_case.setdefault(name.lower(), name) != name:
                 raise mismatch(
-                    f"{folded[name.lower()]!r} and {name!r}", "names that differ in more than case"
+                    f"{by_lower_case[name.lower()]!r} and {name!r}", "names that differ in more than case"
                 )
         return cameras
 
     @model_validator(mode="after")
     def _check_references(self) -> Rig:
-        for to, others in self.T_camera_camera.items():
-            for name in (to, *others):
+        for to, other_cameras in self.T_camera_camera.items():
+            for name in (to, *other_cameras):
                 if name not in self.cameras:
                     needed = one_of(name, self.cameras)
                     raise ValueError(f"T_camera_camera: found camera {describe(name)}, needed {needed}")
-            if to in others:
+            if to in other_cameras:
                 raise ValueError(f"T_camera_camera: found {to!r} under itself, needed two different cameras")
-            for other in others:
+            for other in other_cameras:
                 if to in self.T_camera_camera.get(other, {}):
                     raise ValueError(
                         f"T_camera_camera: found {to!r} and {other!r} in both directions, needed one of them"
@@ -101,18 +101,20 @@ class Rig(StrictModel):
                 raise InputError(
                     f"{self._path}: cameras: found {drive.path} for {owner!r} and {name!r}, needed a drive for each"
                 )
-        stated = {name: drive.lidar for name, drive in drives.items() if drive.lidar is not None}
-        for first, name in pairwise(stated):
-            if stated[first] != stated[name]:
+        lidars = {name: drive.lidar for name, drive in drives.items() if drive.lidar is not None}
+        for first, name in pairwise(lidars):
+            if lidars[first] != lidars[name]:
                 raise InputError(
                     f"{self._path}: cameras: found different `lidar` blocks in the drives of {first!r} and {name!r}, "
                     "needed the same LiDAR"
                 )
-        group, *others = connected_cameras(drives) or [[]]
-        if others:
-            apart, rest = (" and ".join(map(repr, names)) for names in (chain.from_iterable(others), group))
+        group, *other_groups = connected_cameras(drives) or [[]]
+        if other_groups:
+            separate, connected = (
+                " and ".join(map(repr, names)) for names in (chain.from_iterable(other_groups), group)
+            )
             raise InputError(
-                f"{self._path}: cameras: found no cloud of {apart} among those of {rest}, "
+                f"{self._path}: cameras: found no cloud of {separate} among those of {connected}, "
                 "needed drives that name the same clouds, because the cameras of a rig share one LiDAR"
             )
         return drives
@@ -178,11 +180,11 @@ def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
     files = {
         name: {cloud_path(drive, frame.points) for frame in drive.frames} for name, drive in drives.items()
     }
-    groups = _joined(([name], set[Hashable](files[name])) for name in drives)
+    groups = _merge_overlapping(([name], set[Hashable](files[name])) for name in drives)
     if len(groups) > 1:
         clouds = [(names, set().union(*(files[name] for name in names))) for names, _ in groups]
-        groups = _joined(
-            (names, {_content(path) for path in paths})
+        groups = _merge_overlapping(
+            (names, {_content_key(path) for path in paths})
             for names, paths in clouds
             if all(os.access(path, os.R_OK) and path.is_file() for path in paths)
         )
@@ -197,7 +199,7 @@ def cloud_path(drive: Drive, name: str) -> Path:
     return Path(os.path.realpath(drive.resolve(name)))
 
 
-def _content(path: Path) -> tuple[int, bytes]:
+def _content_key(path: Path) -> tuple[int, bytes]:
     """Identify the content of a cloud: the size of its file, and the hash of the bytes in its middle."""
     with open_file(path) as file:
         size = size_of(file)
@@ -205,15 +207,15 @@ def _content(path: Path) -> tuple[int, bytes]:
         return size, sha256(file.read(SAMPLE_BYTES)).digest()
 
 
-def _joined(groups: Iterable[Group]) -> list[Group]:
+def _merge_overlapping(groups: Iterable[_CameraGroup]) -> list[_CameraGroup]:
     """Join the groups whose clouds overlap."""
-    joined: list[Group] = []
+    merged: list[_CameraGroup] = []
     for names, clouds in groups:
-        apart = []
-        for other, of_other in joined:
-            if clouds.isdisjoint(of_other):
-                apart.append((other, of_other))
+        disjoint = []
+        for other_names, other_clouds in merged:
+            if clouds.isdisjoint(other_clouds):
+                disjoint.append((other_names, other_clouds))
             else:
-                names, clouds = other + names, clouds | of_other
-        joined = [*apart, (names, clouds)]
-    return joined
+                names, clouds = other_names + names, clouds | other_clouds
+        merged = [*disjoint, (names, clouds)]
+    return merged

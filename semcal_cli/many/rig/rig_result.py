@@ -58,10 +58,10 @@ class RigResult(StrictModel):
 class RigFiles(NamedTuple):
     """The result of a rig, and what it was computed from."""
 
-    calibration: RigCalibration
+    rig_calibration: RigCalibration
     drives: dict[str, Drive]
     """Drive of each camera, with the camera and clock of its result."""
-    read: list[Path]
+    paths: list[Path]
     """All files of the rig and of its result, with the document of the result last."""
 
 
@@ -78,12 +78,12 @@ def read_rig_files(rig: Rig, result: Path, max_points: int = MAX_POINTS) -> RigF
     """
     file = result / f"{RESULT}.yaml" if is_folder(result) else result
     drives = rig.read_drives(max_points)
-    calibration = read_rig_result(rig, drives, file)
-    for name, record in calibration.cameras.items():
+    rig_calibration = read_rig_result(rig, drives, file)
+    for name, record in rig_calibration.cameras.items():
         drives[name] = apply_result(record, drives[name], name).drive
-    read = [path for drive in drives.values() for path in (drive.path, *map(drive.resolve, drive.files()))]
-    read += [rig.path, *(file.with_name(f"{name}.yaml") for name in calibration.cameras)]
-    return RigFiles(calibration, drives, [*read, file])
+    paths = [path for drive in drives.values() for path in (drive.path, *map(drive.resolve, drive.files()))]
+    paths += [rig.path, *(file.with_name(f"{name}.yaml") for name in rig_calibration.cameras)]
+    return RigFiles(rig_calibration, drives, [*paths, file])
 
 
 def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibration:

@@ -91,11 +91,11 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Serve the page, or an image."""
-        name, session = self._asked_name(), self.server.session
+        name, session = self._requested_name(), self.server.session
         if name == "":
             self._answer("text/html; charset=utf-8", lambda: page_html(session).encode())
-        elif name is not None and (found := IMAGE.fullmatch(name)):
-            self._answer("image/jpeg", lambda: session.image(int(found[2]), by_edge=found[1] == "edges"))
+        elif name is not None and (match := IMAGE.fullmatch(name)):
+            self._answer("image/jpeg", lambda: session.image(int(match[2]), by_edge=match[1] == "edges"))
         else:
             self._refuse(HTTPStatus.NOT_FOUND)
 
@@ -105,7 +105,7 @@ class Handler(BaseHTTPRequestHandler):
         questions = {"points": session.points, "refine": session.refine, "save": session.save}
         if session.output is not None:
             questions["end"] = session.save
-        name, length = self._asked_name() or "", self.headers.get("Content-Length", "")
+        name, length = self._requested_name() or "", self.headers.get("Content-Length", "")
         if name not in questions:
             self._refuse(HTTPStatus.NOT_FOUND)
         elif not (length.isascii() and length.isdecimal()):
@@ -118,13 +118,13 @@ class Handler(BaseHTTPRequestHandler):
             if name == "end" and is_done:
                 self.server.ended.set()
 
-    def _asked_name(self) -> str | None:
-        """Name of what is asked for, after the token; None if the token is wrong or another site asks."""
-        own = {f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}"}
+    def _requested_name(self) -> str | None:
+        """Return the name of what is asked for, after the token; None if the token is wrong or another site asks."""
+        own_hosts = {f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}"}
         origin = self.headers.get("Origin")
-        is_own = self.headers.get("Host") in own and (origin or None) in {
+        is_own = self.headers.get("Host") in own_hosts and (origin or None) in {
             None,
-            *(f"http://{each}" for each in own),
+            *(f"http://{host}" for host in own_hosts),
         }
         token, slash, name = self.path.removeprefix("/").partition("/")
         is_right = compare_digest(token.encode(), self.server.token.encode())
@@ -135,15 +135,15 @@ class Handler(BaseHTTPRequestHandler):
         try:
             content = ask()
         except SemcalError as error:
-            why = " ".join(str(error).splitlines())
+            reason = " ".join(str(error).splitlines())
         except OSError as error:
-            why = f"{error.filename or 'view'}: {os_reason(error)}"
+            reason = f"{error.filename or 'view'}: {os_reason(error)}"
         except Exception as error:  # a bug: the page reports it, and the server goes on
-            why = f"semcal failed unexpectedly: {type(error).__name__}: {error}"[:MAX_ERROR]
+            reason = f"semcal failed unexpectedly: {type(error).__name__}: {error}"[:MAX_ERROR]
         else:
             self._send(HTTPStatus.OK, kind, content)
             return True
-        self._send(HTTPStatus.BAD_REQUEST, "application/json", _json({"error": why}))
+        self._send(HTTPStatus.BAD_REQUEST, "application/json", _json({"error": reason}))
         return False
 
     def _refuse(self, status: HTTPStatus) -> None:
@@ -159,8 +159,8 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
 
-def _json(found: Any) -> bytes:
-    return json.dumps(found, allow_nan=False).encode()
+def _json(content: Any) -> bytes:
+    return json.dumps(content, allow_nan=False).encode()
 
 
 def _document(body: bytes) -> dict[str, Any]:

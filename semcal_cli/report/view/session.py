@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.checks.pairing import frame_names
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import InputError
@@ -25,13 +24,14 @@ from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import calibrate
 from semcal_cli.report.colors import coloring_of, page_colors
 from semcal_cli.report.notations import T_notation
 from semcal_cli.report.overlays import edge_image, image_of
-from semcal_cli.report.points import View, frame_points, goes_together, packed
+from semcal_cli.report.points import View, associated_classes, encode_base64, frame_points
 from semcal_cli.report.words import verdict_of
 
 MAX_POINTS = 40_000
@@ -56,7 +56,7 @@ INTENSITIES = (0.01, 0.99)
 
 
 @dataclass(frozen=True)
-class Placed:
+class MovedPose:
     """A pose that the page shows: where it started, and how far it was moved from there."""
 
     T_base: Pose
@@ -71,14 +71,14 @@ class Placed:
         return apply_twist(shifted, np.concatenate([np.zeros(3), np.radians(self.offsets[3:])]))
 
     @classmethod
-    def read(cls, asked: dict[str, Any]) -> Placed:
+    def read(cls, request: dict[str, Any]) -> MovedPose:
         """Read what the page sends: `base`, 4 x 4, and `offsets`, six numbers.
 
         Raises:
             InputError: they are not.
         """
         try:
-            T, offsets = np.array(asked["base"], float), np.array(asked["offsets"], float)
+            T, offsets = np.array(request["base"], float), np.array(request["offsets"], float)
         except (KeyError, TypeError, ValueError, OverflowError):
             raise InputError("view: found no base and offsets, needed 4 x 4 and 6 numbers") from None
         if T.shape != (4, 4) or offsets.shape != (6,):
@@ -124,7 +124,10 @@ class Session:
     def page(self) -> dict[str, Any]:
         """Content of the page that does not depend on the pose."""
         observations, camera = self.observations, self.data.drive.camera
-        has_labels, has_intensities = not self.unlabelled, all(each is not None for each in self._intensities)
+        has_labels, has_intensities = (
+            not self.unlabelled,
+            all(levels is not None for levels in self._intensities),
+        )
         choices = [coloring_of(observations)] * has_labels + ["depth"]
         choices += ["intensity"] * has_intensities + ["agreement"] * has_labels
         classes = np.concatenate([cloud.classes for cloud in observations.clouds])
@@ -164,36 +167,36 @@ class Session:
         _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         return content.tobytes()
 
-    def points(self, asked: dict[str, Any]) -> dict[str, Any]:
+    def points(self, request: dict[str, Any]) -> dict[str, Any]:
         """Project the points of a frame at a pose, and compare all frames there.
 
         Raises:
             InputError: there is no such frame, or no such pose.
         """
-        placed, frame = Placed.read(asked), asked.get("frame")
+        pose, frame = MovedPose.read(request), request.get("frame")
         self._check_frame(frame)
         assert isinstance(frame, int)
-        T, camera = placed.T_camera_lidar, self.data.drive.camera
+        T, camera = pose.T_camera_lidar, self.data.drive.camera
         view = View(self.observations, T)
         agreement = None if self.unlabelled else view.agreement()
-        together = np.zeros((0, 0), bool) if agreement is None else goes_together(agreement)
-        found = frame_points([view], frame, together)
-        few = found.thinned(MAX_POINTS)
-        shown = few.packed(camera.width, camera.height)
+        is_associated = np.zeros((0, 0), bool) if agreement is None else associated_classes(agreement)
+        visible = frame_points([view], frame, is_associated)
+        chosen = visible.thin(MAX_POINTS)
+        encoded = chosen.encode(camera.width, camera.height)
         levels = self._intensities[frame]
         if levels is not None:
-            shown["intensities"] = packed(levels[few.indices])
+            encoded["intensities"] = encode_base64(levels[chosen.indices])
         return {
             "T": T.tolist(),
             "text": T_notation(T).text,
-            "points": shown,
-            "agreement_of_frame": found.poses[0].agreement,
-            "num_visible": int(found.poses[0].is_visible.sum()),
+            "points": encoded,
+            "agreement_of_frame": visible.poses[0].agreement,
+            "num_visible": int(visible.poses[0].is_visible.sum()),
             "mutual_information": None if agreement is None else agreement.mutual_information,
             "agreement": None if agreement is None else agreement.label_agreement,
         }
 
-    def refine(self, asked: dict[str, Any]) -> dict[str, Any]:
+    def refine(self, request: dict[str, Any]) -> dict[str, Any]:
         """Calibrate from a pose, as `semcal calibrate --init` does from the saved one.
 
         Raises:
@@ -202,7 +205,7 @@ class Session:
         """
         if self.unlabelled:
             raise InputError(self.unlabelled)
-        start = InitialPose(Placed.read(asked).T_camera_lidar, name="the pose of the page")
+        start = InitialPose(MovedPose.read(request).T_camera_lidar, name="the pose of the page")
         if not self._refining.acquire(blocking=False):
             raise InputError("view: found a calibration still running, needed it to finish")
         try:
@@ -218,19 +221,28 @@ class Session:
             "reasons": [reason.sentence for reason in verdict.reasons],
         }
 
-    def save(self, asked: dict[str, Any]) -> dict[str, Any]:
-        """Write a pose to the file that was asked for; give its text if the browser is to save it.
+    def save(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Write a pose to the file that was asked for, and return its text if the browser is to save it.
 
         Raises:
             InputError: there is no such pose, or the file cannot be written.
         """
-        T = Placed.read(asked).T_camera_lidar
-        form = "yaml" if self.output is None else output_format(self.output)
-        text = document_text({"T_camera_lidar": T.tolist()}, form)
+        T = MovedPose.read(request).T_camera_lidar
+        format = "yaml" if self.output is None else output_format(self.output)
+        text = document_text({"T_camera_lidar": T.tolist()}, format)
         if self.output is not None:
             write_text(text, self.output)
             self.has_saved = True
         return {"path": None if self.output is None else str(self.output), "text": text}
+
+    def check_images(self) -> None:
+        """Check that each frame has something to show.
+
+        Raises:
+            InputError: a frame has neither an image nor labels, or its image is wrong.
+        """
+        for frame in range(len(self.data.drive.frames)):
+            image_of(self.data.drive, self.observations, frame)
 
     def _check_frame(self, frame: object) -> None:
         num_frames = len(self.data.drive.frames)
@@ -239,7 +251,7 @@ class Session:
 
 
 def _levels(cloud: Cloud) -> npt.NDArray[np.uint8] | None:
-    """Levels (N,) of a sweep's intensities, 0 to 255; None if it has none."""
+    """Return the levels (N,) of a sweep's intensities, 0 to 255; None if it has none."""
     if cloud.intensity is None or len(cloud.intensity) == 0:
         return None
     low, high = np.quantile(cloud.intensity, INTENSITIES)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from semcal_cli.experiments.summary import grouped
+from semcal_cli.experiments.summary import group_results
 
 Result = TypeVar("Result")
 
@@ -68,7 +68,7 @@ def rates_by(
         is_so: Event that is counted, as in `rate_of`.
         values: Values of the groups; None for those that occur, in the order of the results.
     """
-    parts = grouped(results, key)
+    parts = group_results(results, key)
     return [
         rate_of(name.format(value), parts.get(value, []), is_so)
         for value in (parts if values is None else values)

@@ -219,7 +219,7 @@ def run(pool: Pool, case: Case) -> list[Outcome]:
     """Spoil a drive, calibrate it, and compare the pose with the nearest of its true poses."""
     kind, rig = KINDS[case.kind], rig_of(case.seed)
     rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode()))
-    raw = given(kind, kind.spoil(_good_drive(pool, rig, case, rng), rng))
+    raw = withhold_unstated(kind, kind.spoil(_good_drive(pool, rig, case, rng), rng))
     found = attempt(raw)
     outcome = Outcome(case.kind, case.seed, rig, case.num_pairs, case.noise)
     if isinstance(found, SemcalError):
@@ -243,7 +243,7 @@ def _good_drive(pool: Pool, rig: str, case: Case, rng: np.random.Generator) -> R
     return replace(raw, frames=raw.frames[:num_frames], unused=raw.frames[num_frames:])
 
 
-def given(kind: Kind, raw: RawDrive) -> RawDrive:
+def withhold_unstated(kind: Kind, raw: RawDrive) -> RawDrive:
     """Leave out what the spoiled drive does not state."""
     raw = replace(raw, has_point_labels=kind.has_point_labels)
     if not kind.has_exact_intrinsics:

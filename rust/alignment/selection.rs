@@ -1,0 +1,137 @@
+//! Choice of the points used at a level, among those that the camera may see near a pose.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point2};
+use rayon::prelude::*;
+
+use super::level::Level;
+use super::projection::Projection;
+use super::sample::{Counted, Sample};
+use crate::classes::{NO_CLASS, Share};
+use crate::mutual_information::JointHistogram;
+use crate::observation::{Frame, Observations};
+use crate::point_cloud::to_f64;
+use crate::pyramid::ShareMap;
+use crate::thinning::thinned;
+use crate::visibility::{Projected, project_points};
+
+/// Width of the band around the image in which points are kept, relative to the longer side.
+const BAND: f64 = 0.5;
+
+/// Observations without the points far outside the image at all of the given poses, and without the rows of their
+/// segments, most of which are behind the camera.
+///
+/// Observations without partitions are unchanged, and so are frames whose points have class shares.
+pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]) -> Arc<Observations> {
+    if !observations.has_partitions() {
+        return Arc::clone(observations);
+    }
+    let camera = &observations.camera;
+    let band = BAND * camera.width.max(camera.height) as f64;
+    let views: Vec<Projection> = poses.iter().map(|pose| Projection::of_pose(camera, pose)).collect();
+    let is_near = |pixel: Point2<f64>| {
+        let within = |x: f64, size: usize| x > -band && x < size as f64 + band;
+        within(pixel.x, camera.width) && within(pixel.y, camera.height)
+    };
+    let of_frame = |frame: &Frame| {
+        if frame.point_shares.is_some() {
+            return frame.clone();
+        }
+        let is_seen = |&point: &usize| {
+            let position = to_f64(&frame.points[point]);
+            views.iter().any(|at| at.place_of(&position, 0).is_some_and(|(_, pixel)| is_near(pixel)))
+        };
+        let points: Vec<usize> = (0..frame.points.len()).filter(is_seen).collect();
+        Frame {
+            points: Arc::new(points.iter().map(|&point| frame.points[point]).collect::<Vec<_>>().into()),
+            point_classes: Arc::new(points.iter().map(|&point| frame.point_classes[point]).collect()),
+            partitions: frame.partitions.as_ref().map(|partitions| Arc::new(partitions.of_points(&points))),
+            ..frame.clone()
+        }
+    };
+    let frames = observations.frames.par_iter().map(of_frame).collect();
+    Arc::new(observations.with_frames(frames))
+}
+
+/// The chosen points, split into those near other classes and the pairs of the rest, which are locally constant.
+pub struct Selection {
+    /// Points near other classes.
+    pub moving: Vec<Sample>,
+    /// Pairs of the remaining points.
+    pub constant: JointHistogram,
+}
+
+impl Level {
+    /// Labelled points on labelled pixels, weighted at the anchor pose.
+    pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
+        self.select_where(pose, counted, |_, _| false).moving
+    }
+
+    /// Selects points like [`Level::samples`], except that points at least `radius` blocks inside one class are only
+    /// counted: their pairs do not change while they move by less.
+    pub fn select(&self, pose: &Isometry3<f64>, counted: Counted, radius: usize) -> Selection {
+        self.select_where(pose, counted, |map, pixel| map.is_inside_one_class(pixel, radius))
+    }
+
+    fn select_where(
+        &self,
+        pose: &Isometry3<f64>,
+        counted: Counted,
+        is_constant: impl Fn(&ShareMap, &Point2<f64>) -> bool + Sync,
+    ) -> Selection {
+        let of_frame = |(index, frame): (usize, &Frame)| {
+            let map = &self.maps[index];
+            let (mut moving, mut constant) = (Vec::new(), self.joint_of_frames(index..index + 1));
+            for Projected { index: i, pixel, .. } in self.counted_points(frame, pose, counted) {
+                let sampled = map.at(&pixel);
+                let weight = sampled.total() as f32 * frame.weight;
+                if weight <= 0.0 {
+                    continue;
+                }
+                let is_constant = is_constant(map, &pixel);
+                let mut add = |class: u8, weight: f32| {
+                    if is_constant {
+                        self.observations.for_rows(index, i, class, |row| {
+                            sampled.add_to(constant.row_mut(row), f64::from(weight));
+                        });
+                    } else {
+                        let (position, frame, point) = (to_f64(&frame.points[i]), index as u32, i as u32);
+                        moving.push(Sample { position, class, frame, point, weight });
+                    }
+                };
+                match &frame.point_shares {
+                    None => add(frame.point_classes[i], weight),
+                    // The joint histogram is linear in a point's shares: one sample for each of its classes.
+                    Some(shares) => {
+                        let of_class =
+                            |share: &Share| add(share.class, f32::from(share.amount) / 255.0 * weight);
+                        shares.at(i).iter().for_each(of_class);
+                    }
+                }
+            }
+            (moving, constant)
+        };
+        let (moving, of_frames): (Vec<Vec<Sample>>, Vec<JointHistogram>) =
+            self.observations.frames.par_iter().enumerate().map(of_frame).unzip();
+        let mut constant = self.empty_joint();
+        of_frames.iter().for_each(|of_frame| constant.merge(of_frame));
+        Selection { moving: moving.concat(), constant }
+    }
+
+    /// The labelled points of a frame that are inside the image and count, thinned.
+    fn counted_points(&self, frame: &Frame, pose: &Isometry3<f64>, counted: Counted) -> Vec<Projected> {
+        let (camera, points) = (&self.observations.camera, &frame.points);
+        let chosen = || thinned(points.len(), self.stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
+        if counted == Counted::All {
+            return project_points(camera, points, chosen(), pose);
+        }
+        // Points that do not count still occlude others.
+        let mut counts = vec![false; points.len()];
+        chosen().for_each(|i| counts[i] = true);
+        let (projected, hidden) = points.in_image(camera, pose);
+        let pairs = projected.into_iter().zip(hidden.iter());
+        let seen = pairs.filter(|(point, hidden)| !**hidden && counts[point.index]);
+        seen.map(|(point, _)| point).collect()
+    }
+}

@@ -1,0 +1,126 @@
+"""Checks that are made together: of the data, of the stages, of a pose, and of its uncertainty."""
+
+from __future__ import annotations
+
+import math
+
+from semcal_cli import core
+from semcal_cli.checks.baseline import check_baseline
+from semcal_cli.checks.chance import check_chance
+from semcal_cli.checks.label_overlap import check_overlap
+from semcal_cli.checks.motion_unstated import check_motion, check_shutter, check_unstated
+from semcal_cli.checks.no_direction import check_directions
+from semcal_cli.checks.not_determined import UNDETERMINED, UNDETERMINED_WITH_PRIORS
+from semcal_cli.checks.one_class import check_classes
+from semcal_cli.checks.other_azimuth import check_azimuth
+from semcal_cli.checks.polish_rejected import check_held_out
+from semcal_cli.checks.prior import check_priors
+from semcal_cli.checks.refits import check_other_models
+from semcal_cli.checks.settled import check_fusion, check_polish, check_refinement
+from semcal_cli.checks.wide_interval import check_interval
+from semcal_cli.checks.wrong_pairing import check_pairing
+from semcal_cli.drive.document import Drive
+from semcal_cli.estimation.adjust.priors import Fused
+from semcal_cli.estimation.refine.polish import Polish
+from semcal_cli.estimation.refine.pyramid import Refinement
+from semcal_cli.findings.check import Measured
+from semcal_cli.findings.finding import Finding
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.observations.frame_selection import evenly_spaced
+from semcal_cli.observations.observations import Observations
+from semcal_cli.result.uncertainty import Uncertainty
+
+NUM_FRAMES = 4
+"""Number of frames whose consistency is checked."""
+
+
+def check_data(
+    drive: Drive, observations: Observations, *, is_compensated: bool
+) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Check that the motion of a drive is known and compensated.
+
+    Args:
+        drive: The drive.
+        observations: Observations of it.
+        is_compensated: Whether the method compensates a rolling shutter where the motion is known.
+
+    Returns:
+        Findings, and notes that do not speak against a pose.
+    """
+    of_shutter, notes = check_shutter(drive, observations, is_compensated=is_compensated)
+    of_motion = check_motion(observations.motion_error_px)
+    return (*of_motion, *of_shutter, *check_unstated(drive, observations)), notes
+
+
+def check_stages(
+    refined: Refinement | None, polished: Polish | None, fused: Fused | None
+) -> tuple[Finding, ...]:
+    """Check that the stages that lead to a pose settled, that held-out data accept it, and that priors agree.
+
+    Args:
+        refined: The refinement; None if it was not run.
+        polished: The polish; None if it was not run.
+        fused: The fusion with priors; None without priors.
+    """
+    findings = list[Finding]()
+    # If labels alone determine no pose, their polish is not expected to settle.
+    if polished is not None and (fused is None or fused.is_alone):
+        findings += [*check_held_out(polished), *check_directions(polished), *check_polish(polished)]
+    # A pose that is polished or fused need not have settled before.
+    is_last = fused is None and (polished is None or not polished.is_accepted)
+    if refined is not None and is_last:
+        findings += check_refinement(refined)
+    if fused is not None:
+        findings += [*check_fusion(fused), *check_priors(fused)]
+    return tuple(findings)
+
+
+def check_pose(
+    T_camera_lidar: Pose, agreement: core.Agreement, max_baseline_m: float = math.inf
+) -> tuple[Finding, ...]:
+    """Check that a pose is not at a limit, shows enough points, and explains more than chance.
+
+    Args:
+        T_camera_lidar: (4, 4), metres.
+        agreement: Agreement of the labels at this pose.
+        max_baseline_m: Limit of the distance between camera and LiDAR that the refinement respected.
+    """
+    return (
+        *check_baseline(T_camera_lidar, max_baseline_m),
+        *check_overlap(agreement.overlap),
+        *check_chance(agreement),
+    )
+
+
+def check_consistency(
+    observations: Observations, T_camera_lidar: Pose, *, with_clock: bool = True
+) -> tuple[Measured, ...]:
+    """Check a pose against its labels, its surroundings, the camera's focal length and the clocks.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4) refined pose, metres.
+        with_clock: Whether the motions of the frames differ enough to determine the time offset.
+    """
+    few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
+    return (
+        *check_classes(few, T_camera_lidar),
+        *check_pairing(few, T_camera_lidar),
+        check_azimuth(few, T_camera_lidar),
+        *check_other_models(few, T_camera_lidar, with_clock=with_clock),
+    )
+
+
+def check_uncertainty(
+    uncertainty: Uncertainty | None, *, with_priors: bool = False, advice: str | None = None
+) -> tuple[Finding, ...]:
+    """Check that a pose is determined, and that its interval is narrow enough.
+
+    Args:
+        uncertainty: Uncertainty of the pose; None if the data do not determine it.
+        with_priors: Whether the pose is fused with priors.
+        advice: What to do about a wide interval, if it is not more frames.
+    """
+    if uncertainty is None:
+        return (UNDETERMINED_WITH_PRIORS if with_priors else UNDETERMINED,)
+    return check_interval(uncertainty, advice)

@@ -1,0 +1,102 @@
+"""Whether K looks like that of a real camera."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from semcal_cli.drive.camera import DEFAULT_FOCAL_SIGMA, Camera, IntrinsicsSigma, sigma_of
+from semcal_cli.findings.check import Check, Limit
+from semcal_cli.findings.entry import Entry, PageSection
+from semcal_cli.findings.finding import Finding
+from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
+
+IMPLAUSIBLE_INTRINSICS = Check(
+    topic="implausible-intrinsics",
+    entry=Entry(
+        title="K is unlike that of a real camera",
+        section=PageSection.INSPECTION,
+        quotes=(
+            (
+                "cx in K is 400 in an image of 1280, 19% of the longer side from the middle, usually at most 4%: "
+                "K may belong to images of another size, or the images are cropped"
+            ),
+            (
+                "fx in K is 1.100 times fy, usually 1 within 2%: K may belong to images that were resized "
+                "differently"
+            ),
+        ),
+        meaning="The principal point is far from the middle of the image, or pixels are not square.",
+        cause=(
+            "K belongs to images of another size, or the images were cropped or resized without keeping their shape."
+        ),
+        remedy="Compare K with `camera_info` and with the size of the images.",
+        figure=(
+            "Distance of the principal point from the middle of the image, relative to the longer side, and "
+            "difference of fx / fy from 1."
+        ),
+    ),
+    settings={
+        "principal point": Limit(
+            at_most=0.04,
+            unit="%",
+            source=(
+                "lenses are off by the same length in both directions; published cameras (KITTI, nuScenes, "
+                "RELLIS-3D, OpenCalib) are off by at most 3 %, and images of which a tenth was cut off at one side "
+                "of the longer sides by 5 %"
+            ),
+        ),
+        "aspect": Limit(
+            at_most=0.02,
+            unit="%",
+            source=(
+                "pixels are square to 0.2 % in the same cameras; images that were resized without keeping their "
+                "shape, as 1920 x 1200 to 1280 x 720, differ by 10 %"
+            ),
+        ),
+    },
+)
+
+
+def implausible_intrinsics(camera: Camera) -> dict[str, Finding]:
+    """Compare the principal point and the ratio of the focal lengths with those of real cameras.
+
+    Returns:
+        A finding for each implausible intrinsic, by name.
+    """
+    if camera.model == "equirectangular":
+        return {}  # Its principal point may be anywhere in a full turn.
+    (fx, _, cx), (_, fy, cy), _ = camera.K
+    most, measured = IMPLAUSIBLE_INTRINSICS.limit("principal point"), {}
+    for name, center, size in (("cx", cx, camera.width), ("cy", cy, camera.height)):
+        share = abs(center - 0.5 * (size - 1)) / max(camera.width, camera.height)
+        sentence = (
+            f"{name} in K is {center:g} in an image of {size}, {share:.0%} of the longer side from the "
+            f"middle, usually at most {most:.0%}: K may belong to images of another size, or "
+            "the images are cropped"
+        )
+        measured[name] = IMPLAUSIBLE_INTRINSICS.measured(share, sentence, "principal point")
+    sentence = (
+        f"fx in K is {fx / fy:.3f} times fy, usually 1 within {IMPLAUSIBLE_INTRINSICS.limit('aspect'):.0%}: K may "
+        "belong to images that were resized differently"
+    )
+    measured["fx"] = IMPLAUSIBLE_INTRINSICS.measured(abs(fx / fy - 1.0), sentence, "aspect")
+    return {name: value.finding for name, value in measured.items() if value.finding is not None}
+
+
+def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[str, ...]:
+    """Note implausible intrinsics with what their errors cost, and errors that no interval contains."""
+    notes = []
+    for name, finding in implausible_intrinsics(camera).items():
+        sentence = finding.sentence
+        if cost is not None:
+            change: PoseChange = getattr(cost, name)
+            moved_cm = 100.0 * np.linalg.norm(change.camera_center_m)
+            turned_deg = np.linalg.norm(change.rotation_deg)
+            by = "each pixel" if name.startswith("c") else f"each {DEFAULT_FOCAL_SIGMA:.1%}"
+            sentence += (
+                f"; {by} of error in {name} moves the pose by {moved_cm:.2f} cm and {turned_deg:.3f} degrees"
+            )
+        notes.append(sentence)
+    if cost is None and sigma_of(camera) != IntrinsicsSigma():
+        notes.append("the interval does not include errors of K, because their effect could not be computed")
+    return tuple(notes)

@@ -1,0 +1,24 @@
+"""Phrases of findings that several checks use."""
+
+from __future__ import annotations
+
+from semcal_cli.errors import format_against_limit
+
+ELSEWHERE = "add frames from other places"
+BY_HAND = f"{ELSEWHERE}, or measure the mounting by hand and give it with --init"
+NEARER = "add frames, or start nearer with --init"
+OR_ESTIMATE_K = "or calibrate with --refine-intrinsics fx,fy,cx,cy"
+
+
+def describe_rival_fit(behind: float, min_behind: float, digits: int) -> str:
+    """Describe how well a rival explains the data, to follow "explains the data".
+
+    Args:
+        behind: Standard errors by which it is worse than the pose; negative if it is better.
+        min_behind: Standard errors by which it would have to be worse.
+        digits: Minimum number of digits after the decimal point.
+    """
+    apart, needed = format_against_limit(abs(behind), min_behind, digits)
+    if behind < 0.0:
+        return f"better, by {apart} standard errors, but must be worse by at least {needed}"
+    return f"almost as well: only {apart} standard errors worse, needed at least {needed}"

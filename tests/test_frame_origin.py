@@ -1,0 +1,172 @@
+"""The origin of the LiDAR's frame is arbitrary: moving it changes no pose in the world, and nothing that is said of it.
+
+Rays start at the origin, so what a sweep shows is observed first; then points, start and truth move alike.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from semcal_cli.checks.consistency import check_consistency
+from semcal_cli.checks.disagreement import check_frames
+from semcal_cli.checks.rivals import check_rivals
+from semcal_cli.synthetic.raw_drive import RawDrive
+
+from semcal_cli import core
+from semcal_cli.api.calls import calibrate
+from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, CueName, RefinementConfig
+from semcal_cli.drive.document import read_drive
+from semcal_cli.estimation.adjust.frame_offsets import FAR_PYRAMID, fit_part
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.findings.check import OTHER_AZIMUTH, OTHER_POSE, WRONG_FOCAL_LENGTH
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.observations import Observations
+from semcal_cli.pipeline import assess, refine_and_polish, start_at
+from semcal_cli.pipeline.stages import Stages
+from semcal_cli.report.input import make_report_input
+
+SHIFT_M = np.array([4.0, 0.0, 0.0])
+GRID_M = 2.0**-16
+"""Coordinates below 128 m that are multiples of this can be moved by `SHIFT_M` without rounding."""
+SAME_DEG, SAME_CM = 0.02, 0.3
+"""Largest differences of poses that are the same. A point is hidden if the LiDAR, from the origin, sees past a nearer
+one, so that a few other points count; that moved poses by up to 0.009 degrees and 0.14 cm."""
+SAME_SHARE, SAME_VALUE = 0.05, 0.1
+"""The same for what checks measure: relative differences, and those of values near zero."""
+FAR = RefinementConfig(max_baseline_m=8.0)
+
+
+def translation(by_m: np.ndarray) -> Pose:
+    T = np.eye(4)
+    T[:3, 3] = by_m
+    return T
+
+
+def on_grid(observations: Observations) -> Observations:
+    """The same with points that can be moved without rounding."""
+    clouds = observations.clouds
+    points = [(np.round(cloud.points / GRID_M) * GRID_M).astype(np.float32) for cloud in clouds]
+    return observations.with_clouds(
+        cloud.with_points(each) for cloud, each in zip(clouds, points, strict=True)
+    )
+
+
+def moved(observations: Observations) -> Observations:
+    """The same in a frame whose origin is elsewhere."""
+    clouds = observations.clouds
+    shift = SHIFT_M.astype(np.float32)
+    elsewhere = observations.with_clouds(cloud.with_points(cloud.points + shift) for cloud in clouds)
+    for before, after in zip(clouds, elsewhere.clouds, strict=True):
+        np.testing.assert_array_equal(after.points - shift, before.points)
+    return elsewhere
+
+
+def assert_same(T_far: Pose, T_near: Pose) -> None:
+    """Check that a pose in the moved frame is the same in the world."""
+    away = compare_poses(T_far @ translation(SHIFT_M), T_near)
+    assert away.rotation_deg < SAME_DEG
+    assert away.camera_center_cm < SAME_CM
+
+
+def loaded(drive: Path, cues: tuple[CueName, ...], refinement: RefinementConfig = FAR) -> LoadedDrive:
+    data = load(drive, CalibrationConfig(cues=cues, refinement=refinement))
+    return replace(data, observations=on_grid(data.observations))
+
+
+def moved_data(data: LoadedDrive) -> LoadedDrive:
+    return replace(data, observations=moved(data.observations))
+
+
+def judged(data: LoadedDrive, T_start: Pose) -> Stages:
+    stages = refine_and_polish(data, start_at(data, InitialPose(T_start, "a start")), FAR)
+    return assess(data, stages, FAR)
+
+
+def values(stages: Stages) -> dict[tuple[str, str], float]:
+    """What the checks measured, but for the one that turns the camera about the origin."""
+    assert stages.assessment is not None
+    measured = stages.assessment.measured
+    return {
+        (each.topic, each.limit): each.value
+        for each in measured
+        if each.value is not None and each.topic != OTHER_AZIMUTH.topic
+    }
+
+
+@pytest.mark.parametrize(
+    ("cues", "zoom"),
+    [
+        (("labels",), 1.0),
+        (("labels",), 1.04),
+        pytest.param(("segments",), 1.0, marks=pytest.mark.slow),
+        pytest.param(("edges",), 1.0, marks=pytest.mark.slow),
+    ],
+)
+def test_the_origin_of_the_frame_changes_nothing(
+    cues: tuple[CueName, ...], zoom: float, fine_street: Path, T_off: Pose
+) -> None:
+    near = loaded(fine_street, cues)
+    near = near.with_camera(near.drive.camera.zoomed(zoom))
+    before, after = judged(near, T_off), judged(moved_data(near), T_off @ translation(-SHIFT_M))
+    assert_same(after.T_camera_lidar, before.T_camera_lidar)
+    assert [each.topic for each in after.findings] == [each.topic for each in before.findings]
+    assert values(after) == pytest.approx(values(before), rel=SAME_SHARE, abs=SAME_VALUE)
+    assert (WRONG_FOCAL_LENGTH.topic in {each.topic for each in before.findings}) == (zoom > 1.0)
+
+
+def test_parts_of_a_drive_are_fitted_wherever_the_origin_is(knocked: RawDrive, knocked_drive: Path) -> None:
+    near, T = loaded(knocked_drive, ("labels",)).observations, knocked.truths[0]
+    names = [f"{frame.name}.bin" for frame in knocked.frames]
+    far, T_far = moved(near), T @ translation(-SHIFT_M)
+    before, after = check_frames(near, T, names).parts, check_frames(far, T_far, names).parts
+    assert len(before) == 2
+    assert [part.num_frames for part in after] == [part.num_frames for part in before]
+    for part, other in zip(before, after, strict=True):
+        assert_same(np.array(other.T_camera_lidar), np.array(part.T_camera_lidar))
+
+
+def test_every_check_uses_the_edge_band_that_was_asked_for(fine_street: Path, street_truth: Pose) -> None:
+    """Another width changes what every check measures that has an edge band."""
+    runs, topics = [], {OTHER_POSE.topic, WRONG_FOCAL_LENGTH.topic}
+    for band_px in (1, 8):
+        seen = loaded(fine_street, ("labels",), RefinementConfig(edge_band_px=band_px)).observations
+        part = fit_part(seen, range(2), street_truth, FAR_PYRAMID)
+        assert part is not None
+        measured = (*check_rivals(seen, street_truth, None), *check_consistency(seen, street_truth))
+        kept = {each.topic: each.value for each in measured if each.topic in topics}
+        runs.append((part.T_camera_lidar, kept))
+    (T_narrow, narrow), (T_wide, wide) = runs
+    assert compare_poses(T_narrow, T_wide).rotation_deg > 0.0
+    assert narrow.keys() == wide.keys() == topics
+    assert all(narrow[topic] != wide[topic] for topic in topics)
+
+
+def test_all_solvers_of_a_calibration_get_its_settings(
+    street: Path, T_off: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of them, and what the result records; coarse blocks alone have no edge band."""
+    made, seen = core.Observations, set[tuple[float, int]]()
+
+    def spy(*arguments: Any) -> core.Observations:
+        *_, max_baseline_m, edge_band_px, _ = arguments
+        seen.add((max_baseline_m, edge_band_px))
+        return made(*arguments)
+
+    monkeypatch.setattr(core, "Observations", spy)
+    config = CalibrationConfig(refinement=RefinementConfig(max_baseline_m=8.0, edge_band_px=2))
+    result = calibrate(street, config, initial_pose=InitialPose(T_off, "a start"))
+    assert seen == {(8.0, 2), (8.0, 0)}
+    options: Any = result.settings.options
+    assert options["initialization"]["alignment"]["max_baseline_m"] == 8.0
+    for settings in (options["refinement"]["exact"], options["polish"]):
+        assert (settings["max_baseline_m"], settings["edge_band_px"]) == (8.0, 2)
+    shown = make_report_input(read_drive(street), "c.yaml", result.T_camera_lidar, result).observations
+    assert (shown.max_baseline_m, shown.edge_band_px) == (8.0, 2)
+    wrong = result.settings.model_copy(update={"options": {"polish": {"max_baseline_m": "far"}}})
+    record = result.model_copy(update={"settings": wrong})
+    shown = make_report_input(read_drive(street), "c.yaml", result.T_camera_lidar, record).observations
+    assert shown.max_baseline_m == MAX_BASELINE_M
