@@ -51,7 +51,7 @@ def printable(text: str) -> str:
     """Escape unprintable characters, which file names and values in files may contain."""
     if text.isprintable():
         return text
-    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
 
 
 def mismatch(found: object, needed: object) -> ValueError:
@@ -80,31 +80,31 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun if count == 1 else plural}"
 
 
-def format_against_limit(found: float, needed: float, digits: int = 0, unit: str = "") -> tuple[str, str]:
-    """Format two numbers with enough digits to tell them apart.
+def format_against_limit(value: float, limit: float, digits: int = 0, unit: str = "") -> tuple[str, str]:
+    """Format a value and its limit with enough digits to tell them apart.
 
     Args:
-        found: What was found.
-        needed: The limit, which is written without trailing zeros.
+        value: The value.
+        limit: The limit, which is written without trailing zeros.
         digits: Minimum number of digits after the decimal point.
         unit: "%" writes fractions as percentages.
     """
     scale = 100.0 if unit == "%" else 1.0
     for places in range(digits, digits + MAX_MORE_DIGITS + 1):
-        text, limit = f"{scale * found:.{places}f}", f"{scale * needed:.{places}f}"
-        if found == needed or float(text) != float(limit):
+        text, limit_text = f"{scale * value:.{places}f}", f"{scale * limit:.{places}f}"
+        if value == limit or float(text) != float(limit_text):
             break
-    short = limit.rstrip("0").rstrip(".") if "." in limit else limit
+    short = limit_text.rstrip("0").rstrip(".") if "." in limit_text else limit_text
     return (text if float(text) else text.removeprefix("-")) + unit, short + unit
 
 
-def one_of(wanted: str, known: Iterable[str]) -> str:
+def one_of(name: str, choices: Iterable[str]) -> str:
     """List the known names; if there are many, the closest ones."""
-    names = list(known)
+    names = list(choices)
     if not names:
         return "one, but there is none"
     if len(names) > MAX_LISTED:
-        near = difflib.get_close_matches(wanted, names, n=MAX_LISTED, cutoff=0.0)
+        near = difflib.get_close_matches(name, names, n=MAX_LISTED, cutoff=0.0)
         return f"one of {len(names)}, nearest: {', '.join(map(_cut, near))}"
     return f"one of: {', '.join(map(_cut, names))}" if len(names) > 1 else _cut(names[0])
 
@@ -114,10 +114,10 @@ def listed(names: Iterable[object]) -> str:
     return ", ".join(first_of([_cut(str(name)) for name in names], MAX_LISTED)) or "none"
 
 
-def first_of(lines: Sequence[str], most: int) -> list[str]:
+def first_of(lines: Sequence[str], max_lines: int) -> list[str]:
     """Keep the first lines; if there are more, another line says how many."""
-    more = [f"and {len(lines) - most:,} more"] if len(lines) > most else []
-    return [*lines[:most], *more]
+    more = [f"and {len(lines) - max_lines:,} more"] if len(lines) > max_lines else []
+    return [*lines[:max_lines], *more]
 
 
 def _cut(name: str) -> str:
@@ -141,16 +141,16 @@ def is_installed(package: str) -> bool:
     return False
 
 
-def described(extra: str) -> str:
+def describe_extra(extra: str) -> str:
     """Name an extra and the commands that install it."""
     return f"the extra '{extra}': pip install 'semcal[{extra}]', in a clone: pip install '.[{extra}]'"
 
 
-def check_installed(asked: str, package: str, extra: str) -> None:
+def check_installed(requester: str, package: str, extra: str) -> None:
     """Check that a library is installed, before anything is read.
 
     Args:
-        asked: The option, file or command that needs it.
+        requester: The option, file or command that needs it.
         package: Its import name.
         extra: Extra of semcal that installs it.
 
@@ -158,16 +158,16 @@ def check_installed(asked: str, package: str, extra: str) -> None:
         InputError: it is not installed.
     """
     if not is_installed(package):
-        raise InputError(f"{asked}: found no {package}, needed {described(extra)}")
+        raise InputError(f"{requester}: found no {package}, needed {describe_extra(extra)}")
 
 
-def check_torch(asked: str) -> None:
+def check_torch(requester: str) -> None:
     """Check that torch, which MINE needs, is installed.
 
     Raises:
         InputError: it is not installed.
     """
-    check_installed(asked, "torch", "mine")
+    check_installed(requester, "torch", "mine")
 
 
 @contextmanager
@@ -182,9 +182,9 @@ def torch_import() -> Iterator[None]:
     try:
         yield
     except (ImportError, OSError) as error:
-        found = " ".join(str(error).split())
+        message = " ".join(str(error).split())
         raise InputError(
-            f"torch: found an installation that cannot be imported ({found}), needed {described('mine')}"
+            f"torch: found an installation that cannot be imported ({message}), needed {describe_extra('mine')}"
         ) from None
     finally:
         if was_enabled:

@@ -42,7 +42,7 @@ Listener: TypeAlias = Callable[[Event], None]
 
 
 def movement(moved: PoseError) -> str:
-    """Say how far a stage moved the pose."""
+    """Describe how far a stage moved the pose."""
     return f"moved {moved.rotation_deg:.3f} degrees and {moved.camera_center_cm:.2f} cm"
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 Kind = TypeVar("Kind")
-Given = ParamSpec("Given")
+Arguments = ParamSpec("Arguments")
 NAME = re.compile(r"\w[\w.-]*")
 """Names that a command line can take: those that the specification of entry points recommends, with no dash first."""
 
@@ -37,14 +37,14 @@ class PluginWarning(UserWarning):
 class Plugins:
     """The plugins of one group of entry points."""
 
-    def __init__(self, group: str, taken: Iterable[str]) -> None:
+    def __init__(self, group: str, own_names: Iterable[str]) -> None:
         """Make the plugins of a group.
 
         Args:
             group: Name of the group, such as semcal.cues.
-            taken: semcal's own names, which no plugin can have.
+            own_names: semcal's own names, which no plugin can have.
         """
-        self.group, self.taken = group, tuple(taken)
+        self.group, self.own_names = group, tuple(own_names)
         self._loaded: dict[str, object] = {}
 
     @property
@@ -53,7 +53,7 @@ class Plugins:
         return tuple(self._entries)
 
     def package(self, name: str) -> str:
-        """Give the name and the version of a plugin's package."""
+        """Return the name and the version of a plugin's package."""
         return _package(self._entries[name])
 
     def get(self, name: str, kind: type[Kind]) -> Kind | None:
@@ -68,33 +68,33 @@ class Plugins:
         try:
             # What a module prints when it is imported is not the output of a command.
             with redirect_stdout(sys.stderr):
-                found = self._loaded[name] if name in self._loaded else self._entries[name].load()
+                plugin = self._loaded[name] if name in self._loaded else self._entries[name].load()
         except (Exception, SystemExit) as error:  # a foreign module may raise anything when it is imported
             self._leave_out(name, f"cannot be imported: {type(error).__name__}: {error}")
             return None
-        if not isinstance(found, kind):
-            self._leave_out(name, f"found an object of class {type(found).__name__}, needed {kind.__name__}")
+        if not isinstance(plugin, kind):
+            self._leave_out(name, f"found an object of class {type(plugin).__name__}, needed {kind.__name__}")
             return None
-        self._loaded[name] = found
-        return found
+        self._loaded[name] = plugin
+        return plugin
 
     def all(self, kind: type[Kind]) -> dict[str, Kind]:
         """Load all plugins, by name; broken ones are left out after one warning each."""
-        found = {name: self.get(name, kind) for name in self.names}
-        return {name: each for name, each in found.items() if each is not None}
+        plugins = {name: self.get(name, kind) for name in self.names}
+        return {name: plugin for name, plugin in plugins.items() if plugin is not None}
 
-    def guarded(self, name: str, function: Callable[Given, Kind]) -> Callable[Given, Kind]:
+    def guard(self, name: str, function: Callable[Arguments, Kind]) -> Callable[Arguments, Kind]:
         """Wrap a function of a plugin, so that whatever it raises names the plugin."""
 
         @wraps(function)
-        def call(*arguments: Given.args, **named: Given.kwargs) -> Kind:
-            with self.blamed(name):
-                return function(*arguments, **named)
+        def call(*arguments: Arguments.args, **keywords: Arguments.kwargs) -> Kind:
+            with self.name_in_errors(name):
+                return function(*arguments, **keywords)
 
         return call
 
     @contextmanager
-    def blamed(self, name: str) -> Iterator[None]:
+    def name_in_errors(self, name: str) -> Iterator[None]:
         """Name a plugin in the errors of its code, which are not semcal's own.
 
         Raises:
@@ -114,19 +114,19 @@ class Plugins:
         # The import and the search take 30 ms; `semcal --help` takes 60 ms.
         from importlib.metadata import entry_points
 
-        found: dict[str, EntryPoint] = {}
-        for entry in sorted(entry_points(group=self.group), key=lambda each: (_package(each), each.name)):
+        entries: dict[str, EntryPoint] = {}
+        for entry in sorted(entry_points(group=self.group), key=lambda entry: (_package(entry), entry.name)):
             if not NAME.fullmatch(entry.name):
                 _warn(
                     entry, "found this name, needed letters, digits, '_', '.' and '-', not '-' or '.' first"
                 )
                 continue
-            if entry.name not in (*self.taken, *found):
-                found[entry.name] = entry
+            if entry.name not in (*self.own_names, *entries):
+                entries[entry.name] = entry
                 continue
-            holder = "semcal" if entry.name in self.taken else _package(found[entry.name])
+            holder = "semcal" if entry.name in self.own_names else _package(entries[entry.name])
             _warn(entry, f"found a name that {holder} already has, needed another")
-        return found
+        return entries
 
     def _leave_out(self, name: str, reason: str) -> None:
         _warn(self._entries.pop(name), reason)

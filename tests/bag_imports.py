@@ -17,7 +17,7 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.importing.bags.bag_import import ImportedDrive, import_bag
-from semcal_cli.importing.bags.topics import Request
+from semcal_cli.importing.bags.topics import BagRequest
 
 Maker = Callable[[BagWriter, int, int], Any]
 """Makes a message of a writer, the index of a moment and its stamp; or none."""
@@ -85,7 +85,7 @@ def run_cli(*arguments: object, code: int | None = 0) -> Result:
 
 def done(path: Path, out: Path, **settings: Any) -> ImportedDrive:
     """Import a recording."""
-    return import_bag(Request([path], **settings), out)
+    return import_bag(BagRequest([path], **settings), out)
 
 
 def imported(path: Path, out: Path, **settings: Any) -> Any:

@@ -36,7 +36,7 @@ from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.importing.bags.bag_import import import_bag
 from semcal_cli.importing.bags.messages import Message, Topic
 from semcal_cli.importing.bags.recorded_motion import MotionSource, Trajectory
-from semcal_cli.importing.bags.topics import Request
+from semcal_cli.importing.bags.topics import BagRequest
 from semcal_cli.observations.reading import load_points
 
 
@@ -292,7 +292,7 @@ def test_two_cameras_of_one_recording_share_a_folder(tmp_path: Path) -> None:
 
     path = small(tmp_path, image=images)
     for shade, name in enumerate(names):
-        import_bag(Request([path], image=name), tmp_path / f"drive/{shade}.yaml")
+        import_bag(BagRequest([path], image=name), tmp_path / f"drive/{shade}.yaml")
     for shade in range(len(names)):
         drive = read_drive(tmp_path / f"drive/{shade}.yaml")
         assert read_image(drive.resolve(drive.frames[0].image or ""))[0, 0, 0] == shade

@@ -14,7 +14,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
 from semcal_cli.importing.bags.bag_import import import_bag
 from semcal_cli.importing.bags.image_messages import image_file
-from semcal_cli.importing.bags.topics import Request
+from semcal_cli.importing.bags.topics import BagRequest
 
 
 def test_a_refused_import_leaves_no_folder_that_it_made(tmp_path: Path) -> None:
@@ -36,7 +36,7 @@ def test_an_import_replaces_nothing_that_it_reads(tmp_path: Path) -> None:
     assert "is a folder" in refused(path, tmp_path / "folder.yaml")
     assert sorted(each.name for each in tmp_path.iterdir()) == ["bag", "camera.yaml", "folder.yaml"]
     with pytest.raises(InputError, match="found twice among the parts"):
-        import_bag(Request([path, path]), tmp_path / "twice")
+        import_bag(BagRequest([path, path]), tmp_path / "twice")
 
 
 def test_only_a_drive_of_the_same_recording_is_replaced(synthetic: Drive, tmp_path: Path) -> None:
@@ -54,9 +54,9 @@ def test_only_a_drive_of_the_same_recording_is_replaced(synthetic: Drive, tmp_pa
     with pytest.raises(
         InputError, match=r"drive\.yaml: found a drive of other data, needed another -o, or --force"
     ):
-        import_bag(Request([other]), out)
+        import_bag(BagRequest([other]), out)
     assert {file: file.read_bytes() for file in out.rglob("*") if file.is_file()} == before
-    import_bag(Request([other]), out, force=True)
+    import_bag(BagRequest([other]), out, force=True)
 
 
 def test_a_refused_import_leaves_no_file(
@@ -73,7 +73,7 @@ def test_a_refused_import_leaves_no_file(
     monkeypatch.setattr("semcal_cli.importing.bags.recorded_frames.image_file", refuse)
     (tmp_path / "drive").mkdir()
     with pytest.raises(InputError, match="no space left"):
-        import_bag(Request([path]), tmp_path / "drive")
+        import_bag(BagRequest([path]), tmp_path / "drive")
     assert [*(tmp_path / "drive").iterdir()] == []
 
 
@@ -91,7 +91,7 @@ def test_an_interrupted_import_leaves_nothing_half_written(
 
     monkeypatch.setattr("semcal_cli.importing.bags.recorded_frames.image_file", stop)
     with pytest.raises(KeyboardInterrupt):
-        import_bag(Request([path]), tmp_path / "drive")
+        import_bag(BagRequest([path]), tmp_path / "drive")
     assert not (tmp_path / "drive/drive.yaml").exists()
     monkeypatch.undo()
     imported(path, tmp_path / "drive")

@@ -21,7 +21,7 @@ from semcal_cli.files.image_files import read_image
 from semcal_cli.files.input_files import MAX_DOCUMENT_BYTES
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.bag_import import import_bag
-from semcal_cli.importing.bags.topics import Request
+from semcal_cli.importing.bags.topics import BagRequest
 from semcal_cli.observations.reading import read_clouds
 
 
@@ -81,7 +81,7 @@ def test_the_parts_of_a_recording_are_one(synthetic: Drive, tmp_path: Path) -> N
         part = synthetic.model_copy(update={"frames": synthetic.frames[chosen]})
         paths.append(write_drive_as_bag(part, tmp_path / name, "ros1"))
     # The stamps of both parts are the same: a second part that begins again is told by its stamps.
-    found = import_bag(Request(paths), tmp_path / "drive")
+    found = import_bag(BagRequest(paths), tmp_path / "drive")
     assert found.written.num_frames == 3
     assert found.left_out.total() == 3
 

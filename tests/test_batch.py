@@ -23,7 +23,7 @@ from refined import with_camera
 
 import semcal_cli as semcal
 from semcal_cli.errors import InputError
-from semcal_cli.files.output_files import locked
+from semcal_cli.files.output_files import lock_file
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.many.batch.folders import MARKER
@@ -221,7 +221,7 @@ def test_ctrl_c_ends_all_processes(waited_s: float, drives: Path, tmp_path: Path
 
 
 def test_a_folder_is_one_batch_s_at_a_time(drives: Path, tmp_path: Path) -> None:
-    with locked(tmp_path / ".lock", "batch"):
+    with lock_file(tmp_path / ".lock", "batch"):
         result = run(command(drives, tmp_path))
     assert result.exit_code == 1
     assert "found another batch using this folder" in str(result.exception)

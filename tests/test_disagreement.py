@@ -22,7 +22,7 @@ from semcal_cli.findings.check import findings_among
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.reading import load_observations
 from semcal_cli.observations.scenes import alike_frames, ranges_of
@@ -240,7 +240,7 @@ def test_frames_are_found_from_degrees_away(
 ) -> None:
     """Where the labels are too far off for the blocks of a near start, coarser ones are taken."""
     observations, truth = load(knocked_drive).observations, knocked.truths[0]
-    T_far = displaced(truth, 6.0, 0.6, rng)
+    T_far = displace(truth, 6.0, 0.6, rng)
     found = frame_offsets(observations.of_frames(range(knocked.knock)), T_far)
     assert (np.abs(found.offsets - motion(truth, T_far)) <= found.half_widths_95).mean() > 0.9
 

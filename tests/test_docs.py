@@ -56,7 +56,7 @@ LIMITS = {
     yaml_values.MAX_VALUES: "values",
     yaml_values.MAX_DEPTH: "levels",
     MAX_POINTS: "points a sweep",
-    point_clouds.BYTES_A_POINT: "bytes a point",
+    point_clouds.BYTES_PER_POINT: "bytes a point",
     MAX_PIXELS: "pixels",
 }
 

@@ -13,7 +13,14 @@ import yaml
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import LONGEST_LINE, Format, document_text, make_dumper, parse, read_document
+from semcal_cli.files.documents import (
+    LONGEST_LINE,
+    DocumentFormat,
+    document_text,
+    make_dumper,
+    parse,
+    read_document,
+)
 from semcal_cli.files.validation import NEWEST_VERSION, validate
 from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.formats import read_transform, write_transform
@@ -110,7 +117,7 @@ def test_what_users_write_is_written_again(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name, reader in READERS.items() if reader is read_calibration])
 def test_a_calibration_is_written_again(name: str) -> None:
     path = DOCUMENTS / name
-    form: Format = "json" if path.suffix == ".json" else "yaml"
+    form: DocumentFormat = "json" if path.suffix == ".json" else "yaml"
     assert holds(parse(calibration_text(read_calibration(path), form), form), read_document(path))
 
 

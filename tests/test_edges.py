@@ -20,7 +20,7 @@ from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting_search import with_best
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import chosen
@@ -148,8 +148,8 @@ def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_t
 def test_the_cue_is_chosen_by_the_files_of_a_drive(
     drive: Path, missing: tuple[str, ...], expected: tuple[str, ...]
 ) -> None:
-    assert chosen(AUTO, read_drive(without(drive, *missing)), Sweeps()) == expected
-    assert chosen(("intensity",), read_drive(drive), Sweeps()) == ("intensity",)
+    assert chosen(AUTO, read_drive(without(drive, *missing)), SweepCache()) == expected
+    assert chosen(("intensity",), read_drive(drive), SweepCache()) == ("intensity",)
 
 
 def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(

@@ -28,7 +28,7 @@ from laboratory.outcomes import AS_IT_IS, MOVED, TURNED, Case as TrustCase, Outc
 from laboratory.rates import Rate
 from laboratory.rigs import RIGS, Case as RowCase, row_cases
 
-from semcal_cli.cli.experiment import Progress
+from semcal_cli.cli.experiment import RunProgress
 from semcal_cli.cli.terminal import make_console
 from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.document import read_drive
@@ -36,10 +36,10 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments import drives, pairs_and_noise
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment_run import Experiment, Report, describe_case
-from semcal_cli.files.output_files import locked
+from semcal_cli.files.output_files import lock_file
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.many.batch.pace import Pace
 from semcal_cli.observations.reading import load_observations
 from semcal_cli.synthetic.synthesis import synthesize
@@ -116,7 +116,7 @@ def make(
 def test_a_run_is_named_by_its_words(capsys: pytest.CaptureFixture[str]) -> None:
     assert describe_case(TrustCase("good", 20_000, 5, 0.1)) == "good, seed 20000, pairs 5, noise 0.1, draw 0"
     assert describe_case(pairs_and_noise.ComparisonCase("20", "soic", 7)) == "setting 20, soic, seed 7"
-    progress = Progress(make_console(quiet=False), 2)
+    progress = RunProgress(make_console(quiet=False), 2)
     progress.resume(3, 10)
     progress.begin("16 channels, seed 1")
     progress.begin("16 channels, seed 2")
@@ -168,7 +168,7 @@ def test_several_jobs_write_what_one_writes(tmp_path: Path) -> None:
 
 def test_a_folder_is_one_run_s_at_a_time(tmp_path: Path) -> None:
     with (
-        locked(tmp_path / "results.jsonl", "run"),
+        lock_file(tmp_path / "results.jsonl", "run"),
         pytest.raises(InputError, match="found another run using this folder"),
     ):
         make(tmp_path, [0]).run_cases(1, Recorder())
@@ -237,7 +237,7 @@ def test_every_row_on_every_seed_and_starts_on_more() -> None:
 
 def test_a_start_is_as_far_off_as_it_says() -> None:
     truth = make_pose((0.4, -1.0, 0.2), (0.5, 0.1, -0.7))
-    error = compare_poses(displaced(truth, 20.0, 0.5, np.random.default_rng(0)), truth)
+    error = compare_poses(displace(truth, 20.0, 0.5, np.random.default_rng(0)), truth)
     assert error.rotation_deg == pytest.approx(20.0)
     assert error.camera_center_cm == pytest.approx(50.0)
 
@@ -325,7 +325,7 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
 
 def test_the_gradient_of_the_objective_is_that_of_differences(street: Path, street_truth: Pose) -> None:
     observations = load_observations(read_drive(street))
-    start = displaced(street_truth, 1.0, 0.1, np.random.default_rng(0))
+    start = displace(street_truth, 1.0, 0.1, np.random.default_rng(0))
     objective = gradient.Objective(observations, start, 8, 0)
     differences = [
         (objective.value(objective.pose(step)) - objective.value(objective.pose(-step))) / 2e-4

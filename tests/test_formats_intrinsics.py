@@ -14,13 +14,14 @@ from conftest import DRIVE
 from format_files import T_ANY
 
 import semcal_cli
+from semcal_cli.config.directions import Direction
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.validation import validate
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.formats.camera_block import read_intrinsics
-from semcal_cli.formats.format import Direction, FormatOptions
+from semcal_cli.formats.format import FormatOptions
 from semcal_cli.result.calibration_document import CalibrationDocument
 
 L2C = ["--to-direction", "lidar-to-camera"]

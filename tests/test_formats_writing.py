@@ -15,9 +15,10 @@ from format_files import SENSORS, T_ANY, words
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.config.directions import CameraFrame
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS, convert, find_format, read_transform, write_transform
-from semcal_cli.formats.format import CameraFrame, FormatOptions, Source
+from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.kitti_files import KITTI_360_FILE
 
 

@@ -16,11 +16,13 @@ from semcal_cli.synthetic.raw_drive import RawDrive
 
 from semcal_cli import core
 from semcal_cli.api.calls import calibrate
+from semcal_cli.checks.focal_length import WRONG_FOCAL_LENGTH
+from semcal_cli.checks.other_azimuth import OTHER_AZIMUTH
+from semcal_cli.checks.other_pose import OTHER_POSE
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, CueName, RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.adjust.frame_offsets import FAR_PYRAMID, fit_part
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.findings.check import OTHER_AZIMUTH, OTHER_POSE, WRONG_FOCAL_LENGTH
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive, load

@@ -19,7 +19,7 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.covariance import with_others
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import delayed
 from semcal_cli.observations.observations import Observations
@@ -122,7 +122,7 @@ def test_coarse_blocks_that_lead_away_are_not_followed(
     def astray(problem: Problem, T: Pose, variables: Variables, *rest: Any) -> Any:
         if rest[-1] != MIN_EVIDENCE:
             return climb(problem, T, variables, *rest)
-        away = displaced(T, 20.0, 0.1, np.random.default_rng(0))
+        away = displace(T, 20.0, 0.1, np.random.default_rng(0))
         return SimpleNamespace(T_camera_lidar=away, changes=(), offset_s=0.0, moved_px=0.0)
 
     monkeypatch.setattr(Problem, "_climb", astray)

@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from laboratory.label_errors import imitate_network, with_ragged_things
 
 from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.shifted_labels import check_label_alignment, spread
@@ -20,7 +21,7 @@ from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations
 from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.verification import verify
-from semcal_cli.synthetic.label_noise import as_by_a_network, with_ragged_things, with_wrong_labels
+from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 Labels = npt.NDArray[np.uint8]
 
@@ -67,7 +68,7 @@ def resized(labels: Labels) -> Labels:
 GOOD: dict[str, Callable[[Observations, np.random.Generator], Observations]] = {
     "exact": lambda observations, rng: observations,
     "30 % wrong": lambda observations, rng: with_wrong_labels(observations, 0.3, rng),
-    "a network's": as_by_a_network,
+    "a network's": imitate_network,
     "grown": lambda observations, rng: with_ragged_things(observations, 2),
     "points in no order": lambda observations, rng: with_points_changed(observations, rng.permutation),
 }

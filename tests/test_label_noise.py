@@ -2,6 +2,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from laboratory.label_errors import (
+    BLOB_SHARE,
+    POINT_SHARE,
+    imitate_network,
+    with_disjoint_ontologies,
+    with_ragged_things,
+    with_shared_errors,
+)
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.observations.observations import (
@@ -12,16 +20,7 @@ from semcal_cli.observations.observations import (
     Observations,
 )
 from semcal_cli.observations.reading import mend
-from semcal_cli.synthetic.label_noise import (
-    BLOB_SHARE,
-    POINT_SHARE,
-    as_by_a_network,
-    mislabel,
-    with_disjoint_ontologies,
-    with_ragged_things,
-    with_shared_errors,
-    with_wrong_labels,
-)
+from semcal_cli.synthetic.label_noise import mislabel, with_wrong_labels
 
 
 def share_changed(before: np.ndarray, after: np.ndarray) -> float:
@@ -48,7 +47,7 @@ def test_isolated_wrong_pixels_are_mended(street_observations: Observations) -> 
 
 
 def test_a_networks_labels_are_wrong_at_borders_and_in_blobs(street_observations: Observations) -> None:
-    noisy = as_by_a_network(street_observations, np.random.default_rng(2))
+    noisy = imitate_network(street_observations, np.random.default_rng(2))
     before, after = street_observations.images[0].classes, noisy.images[0].classes
     assert 0.5 * BLOB_SHARE < share_changed(before, after) < 0.15
     # Hardly any wrong pixel stands alone.

@@ -5,7 +5,7 @@ from format_files import T_ANY
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import FormatOptions
-from semcal_cli.formats.frame_names import CAMERA_WORDS, LIDAR_WORDS, between, has_word, named
+from semcal_cli.formats.frame_names import CAMERA_WORDS, LIDAR_WORDS, from_frames, has_word, name_frames
 
 NAMES = {
     (True, False): (
@@ -35,23 +35,23 @@ def test_sensors_are_told_by_words(told: tuple[bool, bool]) -> None:
 @pytest.mark.parametrize("name", NAMES[True, True].split())
 def test_a_camera_beside_a_lidar_is_ambiguous(name: str) -> None:
     with pytest.raises(InputError, match=f"found frames velodyne, {name}, needed --camera to name"):
-        between("a", T_ANY, "velodyne", name, FormatOptions(frame="optical"))
-    between("a", T_ANY, "velodyne", name, FormatOptions(frame="optical", camera=name))
+        from_frames("a", T_ANY, "velodyne", name, FormatOptions(frame="optical"))
+    from_frames("a", T_ANY, "velodyne", name, FormatOptions(frame="optical", camera=name))
     with pytest.raises(
         InputError, match=f"found frames cam0, {name}, needed --lidar to name the LiDAR's own"
     ):
-        between("a", T_ANY, "cam0", name, FormatOptions(frame="optical", camera="cam0"))
-    between("a", T_ANY, "cam0", name, FormatOptions(frame="optical", lidar=name))
+        from_frames("a", T_ANY, "cam0", name, FormatOptions(frame="optical", camera="cam0"))
+    from_frames("a", T_ANY, "cam0", name, FormatOptions(frame="optical", lidar=name))
 
 
 def test_a_camera_whose_name_holds_a_lidars_letters_is_told() -> None:
-    between("a", T_ANY, "pos_camera_optical", "velodyne", FormatOptions())
+    from_frames("a", T_ANY, "pos_camera_optical", "velodyne", FormatOptions())
     with pytest.raises(InputError, match="found frames gnss_pos, cam_optical, needed --lidar to name"):
-        between("a", T_ANY, "gnss_pos", "cam_optical", FormatOptions())
+        from_frames("a", T_ANY, "gnss_pos", "cam_optical", FormatOptions())
 
 
 def test_one_frame_is_never_both() -> None:
     with pytest.raises(InputError, match="found frames cam0, cam0, needed two frames"):
-        between("a", T_ANY, "cam0", "cam0", FormatOptions(frame="optical", camera="cam0"))
+        from_frames("a", T_ANY, "cam0", "cam0", FormatOptions(frame="optical", camera="cam0"))
     with pytest.raises(InputError, match="found 'camera_optical_frame' for both, needed two names"):
-        named(T_ANY, FormatOptions(lidar="camera_optical_frame"))
+        name_frames(T_ANY, FormatOptions(lidar="camera_optical_frame"))

@@ -15,7 +15,7 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.registration import Candidate
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.reading import read_observations
 from semcal_cli.pipeline import paper
@@ -58,7 +58,7 @@ def test_comes_back_from_nothing(data: LoadedDrive, street_truth: Pose) -> None:
 
 
 def test_a_given_pose_replaces_algorithm_2(data: LoadedDrive, street_truth: Pose) -> None:
-    T_init = displaced(street_truth, 3.0, 0.3, np.random.default_rng(0))
+    T_init = displace(street_truth, 3.0, 0.3, np.random.default_rng(0))
     found = calibrate_as_published(data, RAW, PaperConfig(), initial_pose=InitialPose(T_init, "off"))
     assert found.stages["initial"].T_camera_lidar == tuple(map(tuple, T_init.tolist()))
     assert found.hypotheses == ()
@@ -71,7 +71,7 @@ def test_a_wrong_mounting_is_recognised(
     """The registration prefers a mounting that looks elsewhere; the right one is among its other placements."""
     wrong, right = (
         turned_about(street_truth, 120.0),
-        displaced(street_truth, 3.0, 0.3, np.random.default_rng(1)),
+        displace(street_truth, 3.0, 0.3, np.random.default_rng(1)),
     )
     monkeypatch.setattr(paper, "register", lambda *_: [Candidate(wrong, 9, 9), Candidate(right, 9, 9)])
     found = calibrate_as_published(data, RAW, PaperConfig())
@@ -112,7 +112,7 @@ def test_isolated_pixels_stay(data: LoadedDrive, street: Path) -> None:
 
 
 def test_a_run_that_still_drifts_has_not_settled(data: LoadedDrive, street_truth: Pose) -> None:
-    T_init = displaced(street_truth, 5.0, 0.5, np.random.default_rng(0))
+    T_init = displace(street_truth, 5.0, 0.5, np.random.default_rng(0))
     hasty = replace(PaperConfig().mine, steps_per_level=8, final_rate=1.0, learning_rate_pose=2.0)
     found = calibrate_as_published(
         data, RAW, PaperConfig(mine=hasty), initial_pose=InitialPose(T_init, "off")

@@ -259,9 +259,9 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "wrong_robot", raising=False)
     for place, group in (
-        ("datasets", "datasets"),
-        ("drive.cues.table", "cues"),
-        ("formats.table", "formats"),
+        ("importing", "datasets"),
+        ("observations.cues.cue_table", "cues"),
+        ("formats.format_table", "formats"),
     ):
         monkeypatch.setattr(f"semcal_cli.{place}.PLUGINS", Plugins(f"semcal.{group}", ()))
 
@@ -310,11 +310,16 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
         ("0", np.zeros((2, 3), np.float32), "found points of shape (2, 3), needed (N, 4)"),
     ):
         points = recording.Conversion(
-            lambda cloud=cloud: recording.Cloud(cloud, None), False, street / "points/000000.bin", True
+            lambda cloud=cloud: recording.Cloud(cloud, None),
+            False,
+            street / "points/000000.bin",
+            True,
         )
         frame = recording.SourceFrame(name, points, image=street / "images/000000.png")
         good = replace(
-            frame, name="1", points=replace(points, cloud=lambda: recording.Cloud(np.ones((2, 4)), None))
+            frame,
+            name="1",
+            points=replace(points, cloud=lambda: recording.Cloud(np.ones((2, 4)), None)),
         )
         with pytest.raises(InputError, match=re.escape(said)):
             write_drive(recording.Recording(camera, [good, frame]), Options(), tmp_path / "a/b/drive")

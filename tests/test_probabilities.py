@@ -17,7 +17,7 @@ from semcal_cli.estimation.refine.pyramid import ExactEstimator, LevelOptimizer,
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import LabelledImage, Observations
 from semcal_cli.observations.reading import load_observations, read_observations
@@ -104,7 +104,7 @@ def test_a_networks_probabilities_end_at_the_truth(
 def test_segments_end_at_the_truth_by_soft_images(soft_street: Path, street_truth: Pose) -> None:
     data = load(soft_street, CalibrationConfig(cues=("segments",)))
     assert all(image.shares is not None for image in data.observations.images)
-    start = displaced(street_truth, 1.0, 0.1, np.random.default_rng(0))
+    start = displace(street_truth, 1.0, 0.1, np.random.default_rng(0))
     initial = start_at(data, InitialPose(start, "start"))
     found = refine_and_polish(data, initial, CalibrationConfig().refinement)
     assert compare_poses(found.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG

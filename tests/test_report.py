@@ -16,7 +16,7 @@ from pages import page_of
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import core
-from semcal_cli.config.synthetic import Lens, SynthConfig
+from semcal_cli.config.synthetic import SynthConfig, SynthLens
 from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Frame, read_drive
@@ -250,7 +250,7 @@ def test_a_page_of_twenty_frames_of_any_content_is_below_its_limit(
 
 
 @pytest.mark.parametrize("lens", ["fisheye", "equirectangular"])
-def test_a_page_of_any_lens(lens: Lens, tmp_path: Path) -> None:
+def test_a_page_of_any_lens(lens: SynthLens, tmp_path: Path) -> None:
     synthesize(SynthConfig(num_frames=1, seed=3, width=320, height=200, lens=lens), tmp_path / "drive")
     page = page_of(tmp_path / "drive", tmp_path / "drive", tmp_path)
     assert "NaN" not in page.split("cloud-data")[1]

@@ -12,7 +12,7 @@ from semcal_cli.experiments.soic import Soic
 from semcal_cli.experiments.soic_config import SoicConfig
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, pose_from_mounting
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
@@ -24,7 +24,7 @@ def soic(street_observations: Observations) -> Soic:
 
 def test_comes_back_from_two_degrees(soic: Soic, street_truth: Pose) -> None:
     for seed in range(2):
-        T_init = displaced(street_truth, 2.0, 0.2, np.random.default_rng(seed))
+        T_init = displace(street_truth, 2.0, 0.2, np.random.default_rng(seed))
         minimum = soic.minimize(T_init)
         assert minimum.converged
         assert minimum.cost_px == pytest.approx(soic.cost(minimum.T_camera_lidar))
@@ -68,7 +68,7 @@ def test_wrong_labels_leave_no_better_place_unfound(
     """Where the cost is rugged, it is at least no higher than at the truth."""
     wrong = with_wrong_labels(street_observations, 0.1, np.random.default_rng(2))
     soic = Soic(wrong, SoicConfig())
-    minimum = soic.minimize(displaced(street_truth, 2.0, 0.2, np.random.default_rng(0)))
+    minimum = soic.minimize(displace(street_truth, 2.0, 0.2, np.random.default_rng(0)))
     assert minimum.cost_px < 1.01 * soic.cost(street_truth)
 
 

@@ -20,7 +20,7 @@ from semcal_cli.estimation.uncertainty.quantiles import hotelling_quantile
 from semcal_cli.findings.check import findings_among
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.pipeline.verification import verify
@@ -45,7 +45,7 @@ def painted(observations: Observations, T_camera_lidar: Pose) -> Observations:
 
 def test_labels_from_images_are_named(street_observations: Observations, street_truth: Pose) -> None:
     assert findings_among(check_leaks(street_observations, street_truth)) == ()
-    wrong = displaced(street_truth, 2.0, 0.2, np.random.default_rng(3))
+    wrong = displace(street_truth, 2.0, 0.2, np.random.default_rng(3))
     (found,) = findings_among(check_leaks(painted(street_observations, wrong), wrong))
     assert found.topic == "leaked-labels"
 
@@ -53,7 +53,7 @@ def test_labels_from_images_are_named(street_observations: Observations, street_
 @pytest.mark.parametrize("seed", [91, 93, 95])
 def test_a_real_frame_with_many_tops_is_not_trusted(rellis3d: Path, seed: int) -> None:
     """Each of these was trusted 1.2 to 1.5 m from the published place."""
-    T_start = displaced(read_transform(rellis3d), 2.0, 0.2, np.random.default_rng(seed))
+    T_start = displace(read_transform(rellis3d), 2.0, 0.2, np.random.default_rng(seed))
     found = calibrate(
         load(rellis3d, LABELS_ALONE), LABELS_ALONE, initial_pose=InitialPose(T_start, "a start")
     )
@@ -62,7 +62,7 @@ def test_a_real_frame_with_many_tops_is_not_trusted(rellis3d: Path, seed: int) -
 
 def test_a_synthetic_frame_is_trusted(street: Path) -> None:
     data = load(street, LABELS_ALONE).of_frames([1])
-    T_start = displaced(read_transform(street), 2.0, 0.2, np.random.default_rng(1))
+    T_start = displace(read_transform(street), 2.0, 0.2, np.random.default_rng(1))
     found = calibrate(data, LABELS_ALONE, initial_pose=InitialPose(T_start, "a start"))
     assert found.topics == ()
 

@@ -11,7 +11,7 @@ from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.phrases import ELSEWHERE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.observations import Observations
 
 CUES_DISAGREE = Check(
@@ -56,7 +56,7 @@ def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> M
         T_initial: (4, 4) pose from which edges started.
     """
     rng = np.random.default_rng(0)
-    others = [T_initial, *(displaced(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS))]
+    others = [T_initial, *(displace(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS))]
     behind = sigmas_behind(guide, T_camera_lidar, others)
     best = int(np.argmin(behind))
     away = compare_poses(others[best], T_camera_lidar)

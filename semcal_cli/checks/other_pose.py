@@ -20,7 +20,7 @@ from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.phrases import ELSEWHERE, describe_rival_fit
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
@@ -109,7 +109,7 @@ def _maxima(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose
     """Ascend from poses around the given one, at two levels of the pyramid, to the highest far and near maxima."""
     rng = np.random.default_rng(0)
     shares = np.linspace(0.5, 1.5, NUM_RIVALS)
-    poses = [displaced(T_camera_lidar, share * SPREAD_DEG, share * SPREAD_M, rng) for share in shares]
+    poses = [displace(T_camera_lidar, share * SPREAD_DEG, share * SPREAD_M, rng) for share in shares]
     few = few_frames(observations, NUM_FRAMES)
     coarsest, *_ = pyramid_factors(observations.camera, PyramidConfig(coarsest_block_deg=BLOCKS_DEG))
     config = exact_config(few, CONFIG)

@@ -64,9 +64,9 @@ class BatchSettings(QuietSettings):
     output: Path = option("Folder for the results.", "-o", "--output", required=True, metavar="DIR")
     command: Literal["calibrate", "verify"] = option("Command to run.", default="calibrate")
     calibration: Path | None = option("Transform to verify, with --command verify.", metavar="FILE")
-    jobs: int | None = option("Number of drives to run in parallel.  [default: 1]", least=1)
+    jobs: int | None = option("Number of drives to run in parallel.  [default: 1]", minimum=1)
     threads: int | None = option(
-        "Threads per drive.  [default: cores / jobs; with --dask, 1]", least=1, most=MAX_THREADS
+        "Threads per drive.  [default: cores / jobs; with --dask, 1]", minimum=1, maximum=MAX_THREADS
     )
     timeout_s: float | None = option("Time limit per drive, in seconds.", "--timeout", above=0.0, metavar="S")
     force: bool = option("Run finished drives again.", default=False)

@@ -70,7 +70,7 @@ class CalibrateSettings(
         default="mi",
     )
     repeat: int | None = option(
-        "Calibrate with N seeds, and report the spread of the results next to the uncertainty.", least=2
+        "Calibrate with N seeds, and report the spread of the results next to the uncertainty.", minimum=2
     )
     page: Path | None = output_file("Also write a report of the result: .html.", "--report")
     images: Path | None = option(

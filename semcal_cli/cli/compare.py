@@ -26,8 +26,8 @@ class CompareSettings:
 
     a: Path = argument()
     b: Path = argument()
-    max_translation_m: float = limit("camera", Limits.translation_m, "M", least=0.0)
-    max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", least=0.0)
+    max_translation_m: float = limit("camera", Limits.translation_m, "M", minimum=0.0)
+    max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", minimum=0.0)
     as_json: bool = json_flag()
 
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import Direction, result_file
+from semcal_cli.cli.options import result_file
 from semcal_cli.cli.settings import INPUT_FILE, argument, command, option
+from semcal_cli.config.directions import CameraFrame, Direction
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
 
-Frame: TypeAlias = Literal["optical", "body"]
 LIDAR = "Name of the LiDAR's frame or entry in {}."
 CAMERA = "Name of the camera's frame, entry or token in {}."
 FRAME = (
@@ -64,7 +64,7 @@ class WrittenSettings:
 
     to: str | None = format_name("Write only the transform, in a format that `convert --formats` lists.")
     to_direction: Direction | None = option(DIRECTION.format(WRITTEN))
-    to_frame: Frame | None = option(FRAME.format(WRITTEN))
+    to_frame: CameraFrame | None = option(FRAME.format(WRITTEN))
     to_camera: str | None = option(CAMERA.format(WRITTEN), metavar="NAME")
     to_lidar: str | None = option(LIDAR.format(WRITTEN), metavar="NAME")
 
@@ -84,7 +84,7 @@ class ConvertSettings(WrittenSettings):
     to: str = format_name("Format to write; see --formats.", required=True)
     output: Path | None = result_file("File to write. Standard output if it is - or not given.")
     direction: Direction | None = option(DIRECTION.format("IN"))
-    frame: Frame | None = option(FRAME.format("IN"))
+    frame: CameraFrame | None = option(FRAME.format("IN"))
     camera: str | None = option(CAMERA.format("IN"), metavar="NAME")
     lidar: str | None = option(LIDAR.format("IN"), metavar="NAME")
     repair: bool = option("Replace an invalid rotation by the nearest valid one, and say so.", default=False)

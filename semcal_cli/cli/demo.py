@@ -57,7 +57,7 @@ def demo(settings: DemoSettings) -> None:
     from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.poses import compare_poses
-    from semcal_cli.geometry.twists import displaced
+    from semcal_cli.geometry.twists import displace
     from semcal_cli.pipeline import calibrate
     from semcal_cli.report.overlays import Overlays
     from semcal_cli.threads import set_num_threads
@@ -68,7 +68,7 @@ def demo(settings: DemoSettings) -> None:
     drive, page, image = out / "drive", out / "report.html", out / "overlay.png"
     console.print(_make(settings, drive), markup=False)
     T_known, rng = read_transform(drive), np.random.default_rng(seed)
-    start = InitialPose(displaced(T_known, START_DEG, START_M, rng), "a rough start") if is_real else None
+    start = InitialPose(displace(T_known, START_DEG, START_M, rng), "a rough start") if is_real else None
     config = CalibrationConfig(seed, ("edges",)) if is_real else CalibrationConfig(seed)
     outputs = Outputs(out / "calibration.yaml", page=page, has_next_steps=is_real)
     run = RunSettings(drive=drive, threads=settings.threads, quiet=settings.quiet)
@@ -76,7 +76,7 @@ def demo(settings: DemoSettings) -> None:
         calibration = calibrate(data, config, initial_pose=start, on_event=terminal.on_event)
         calibration = outputs.with_provenance(calibration, data, start)
     if start is None:
-        off = displaced(calibration.pose, OFF_DEG, OFF_M, rng)
+        off = displace(calibration.pose, OFF_DEG, OFF_M, rng)
         poses = {f"a camera {OFF_DEG:g} degrees off": off, "found without a start": calibration.pose}
     else:
         poses = {f"{START_DEG:g} degrees off": start.T_camera_lidar, "refined from there": calibration.pose}

@@ -40,9 +40,9 @@ class ExperimentSettings:
 class MethodsSettings(ExperimentSettings):
     """Settings of experiments that compare methods on synthetic drives."""
 
-    seeds: int = option("Number of drives, each with one run per table cell.", default=20, least=1)
-    first_seed: int = option("Seed of the first drive.", default=50_000, least=0, most=MAX_SEED)
-    jobs: int = option("Number of runs in parallel.", default=1, least=1)
+    seeds: int = option("Number of drives, each with one run per table cell.", default=20, minimum=1)
+    first_seed: int = option("Seed of the first drive.", default=50_000, minimum=0, maximum=MAX_SEED)
+    jobs: int = option("Number of runs in parallel.", default=1, minimum=1)
     unmended: bool = option(
         "Leave isolated wrong pixels as they are for every method; the paper's method always does. Results go to a "
         "separate folder.",
@@ -91,7 +91,7 @@ class TableSettings(ExperimentSettings):
         "Start of all methods.  [default: semcal's initial calibration]", metavar="FILE|DRIVE"
     )
     frame: int = option(
-        "Frame that the images show, counted from 0 among the frames used.", default=0, least=0
+        "Frame that the images show, counted from 0 among the frames used.", default=0, minimum=0
     )
     max_frames: int = setting_of(CalibrationConfig, "max_frames")
     max_points: int = max_points()
@@ -147,14 +147,14 @@ def measure(experiment: Experiment[Any, Any], num_jobs: int | None) -> str:
         SemcalError: as `Experiment.measure`.
     """
     console = make_console()
-    progress = Progress(console, num_jobs or 1)
+    progress = RunProgress(console, num_jobs or 1)
     with live_lines(console, progress.lines):
         report = experiment.measure(num_jobs, progress)
     click.echo(f"written to {experiment.folder}", err=True)
     return report
 
 
-class Progress(Pace):
+class RunProgress(Pace):
     """Shows the runs of an experiment: the running ones on a terminal, or one line per finished run on a pipe."""
 
     def __init__(self, console: Console, num_jobs: int) -> None:

@@ -23,7 +23,7 @@ class RerunSettings(DriveSettings):
 
     calibration: Path | None = argument()
     output: Path = option("File to write, .rrd.", "-o", "--output", required=True, metavar="FILE")
-    max_frames: int = option("Write at most N evenly spaced frames.", default=20, least=1)
+    max_frames: int = option("Write at most N evenly spaced frames.", default=20, minimum=1)
 
 
 @export.command(

@@ -17,7 +17,7 @@ from semcal_cli.errors import check_installed, counted, printable
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
 
 if TYPE_CHECKING:
-    from semcal_cli.importing.drive_folder import Written
+    from semcal_cli.importing.drive_folder import WrittenDrive
     from semcal_cli.importing.recording import Recording
 
 MAX_REASONS = 10
@@ -46,9 +46,9 @@ class FrameSlice(click.ParamType):  # type: ignore[type-arg]
         return slice(*parts)
 
 
-def _max_gap(default: float | None = None, **most: float) -> Any:
+def _max_gap(default: float | None = None, **maximum: float) -> Any:
     text = "Largest time difference between a sweep and its image, in seconds."
-    return option(text, default=default, above=0.0, metavar="S", **most)
+    return option(text, default=default, above=0.0, metavar="S", **maximum)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +62,7 @@ class ImportSettings(QuietSettings):
     frames: slice | None = option("Keep these frames, counted from 0, such as 0:100:10.", type=FrameSlice())
     max_frames: int | None = option(
         "Keep at most N frames: evenly spaced ones, or those that --spread chooses (then 20 if not given).",
-        least=1,
+        minimum=1,
     )
     spread: bool = option(
         "Keep the frames whose label images differ most; if speeds are known, only from the slower half.",
@@ -91,8 +91,8 @@ class ImportSettings(QuietSettings):
             _tell(written, copies)
 
 
-def _tell(written: Written, details: str, lines: tuple[str, ...] = ()) -> None:
-    """Describe what was written, what to know about it, and which command comes next."""
+def _tell(written: WrittenDrive, details: str, lines: tuple[str, ...] = ()) -> None:
+    """Say what was written, what to know about it, and which command comes next."""
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.result.next_steps import after_import
 
@@ -199,19 +199,19 @@ class BagSettings(QuietSettings):
     )
     max_frames: int | None = option(
         "Keep at most N frames, chosen so that their scenes differ; 70 if neither this nor --every is given.",
-        least=1,
+        minimum=1,
     )
     every_s: float | None = option(
         "Take one frame every S seconds instead, and at most --max-frames.",
         "--every",
         above=0.0,
-        most=1e6,
+        maximum=1e6,
         metavar="S",
     )
     stamps: Literal["header", "receive"] = option(
         "Times of sweeps and images: from their headers, or when they were received.", default="header"
     )
-    max_gap_s: float = _max_gap(0.05, most=1e3)
+    max_gap_s: float = _max_gap(0.05, maximum=1e3)
     motion: str | None = option(
         "Topic of the LiDAR's motion: Odometry, PoseStamped or /tf. Needed if there are several.",
         metavar="TOPIC|none",
@@ -247,9 +247,9 @@ def bag(settings: BagSettings) -> None:
         _list(settings.paths)
         return
     from semcal_cli.importing.bags.bag_import import import_bag
-    from semcal_cli.importing.bags.topics import Request
+    from semcal_cli.importing.bags.topics import BagRequest
 
-    request = made_of(Request, settings, by_receipt=settings.stamps == "receive")
+    request = made_of(BagRequest, settings, by_receipt=settings.stamps == "receive")
     assert settings.output is not None  # by a rule
     with settings.terminal() as terminal:
         done = import_bag(request, settings.output, terminal.on_event, force=settings.force)

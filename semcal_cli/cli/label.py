@@ -78,7 +78,7 @@ class ImageSettings:
         metavar="NAME|FILE",
     )
     max_download_mb: int = option(
-        "Largest download from the hub, in megabytes.", default=500, least=1, metavar="MB"
+        "Largest download from the hub, in megabytes.", default=500, minimum=1, metavar="MB"
     )
     rectify: bool = option(
         "Show the network images without lens distortion (several for a fisheye), and map its labels back.",
@@ -178,7 +178,7 @@ class LabelSettings(ImageSettings, ThreadSettings):
     list_models: bool = option(
         "List the networks with short names, and exit.", default=False, is_eager=True, callback=_list_models
     )
-    max_frames: int | None = option("Label at most N evenly spaced frames. Default: all.", least=1)
+    max_frames: int | None = option("Label at most N evenly spaced frames. Default: all.", minimum=1)
     device: Device = option("Device that runs the networks.", default="cpu")
     force: bool = option("Replace existing labels.", default=False)
     max_points: int = max_points()

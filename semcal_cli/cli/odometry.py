@@ -52,7 +52,7 @@ def odometry(settings: OdometrySettings) -> None:
             f"note: {count:,} sweeps have no poses around them, first {first}: leave out their frames"
         )
     if compared is not None:
-        terminal.print(f"note: {compared.told('motion.poses of the drive')}")
+        terminal.print(f"note: {compared.describe('motion.poses of the drive')}")
     name = Path(os.path.relpath(settings.output, drive.root)).as_posix()
     sigma = ", ".join(f"{key}: {value:g}" for key, value in SIGMA.items())
     block = f"poses: {name}, point_times: {motion.point_times}, sigma: {{{sigma}}}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,15 +16,13 @@ from semcal_cli.files.output_files import descriptor
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
 
-Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
-
 MAX_THREADS = 1024
 MAX_MAX_POINTS = 2**32 - 1
 """Largest value of --max-points."""
 MAX_LIMIT = 1e6
 """Largest limit in metres, degrees or milliseconds: no two transforms are farther apart."""
 
-CUES = Names(PLUGINS.taken, alone=("features", "auto"), plugins=PLUGINS)
+CUES = Names(PLUGINS.own_names, alone=("features", "auto"), plugins=PLUGINS)
 MANY_POINTS = "Refuse sweeps with more than N points, and cloud files with more than 64 N bytes."
 
 
@@ -46,13 +44,13 @@ def json_flag() -> Any:
 
 def max_points() -> Any:
     """Make the option for the size of the largest sweep that is read."""
-    return option(MANY_POINTS, default=MAX_POINTS, least=1, most=MAX_MAX_POINTS)
+    return option(MANY_POINTS, default=MAX_POINTS, minimum=1, maximum=MAX_MAX_POINTS)
 
 
-def limit(of: str, default: float, metavar: str, **least: float) -> Any:
+def limit(of: str, default: float, metavar: str, **minimum: float) -> Any:
     """Make the option for the largest allowed difference between transforms."""
     return option(
-        f"Largest allowed offset of the {of}.", default=default, metavar=metavar, most=MAX_LIMIT, **least
+        f"Largest allowed offset of the {of}.", default=default, metavar=metavar, maximum=MAX_LIMIT, **minimum
     )
 
 
@@ -103,8 +101,8 @@ class ThreadSettings(QuietSettings):
 
     threads: int | None = option(
         "Number of threads; all cores if not given. It does not affect the result.",
-        least=1,
-        most=MAX_THREADS,
+        minimum=1,
+        maximum=MAX_THREADS,
     )
 
 

@@ -39,7 +39,7 @@ class OverlaySettings(DriveSettings):
         "--against, agreement; for the cue edges, edge]"
     )
     cues: tuple[CueName, ...] = cue_list()
-    max_frames: int = option("Draw at most N evenly spaced frames.", default=20, least=1)
+    max_frames: int = option("Draw at most N evenly spaced frames.", default=20, minimum=1)
 
 
 @command(OverlaySettings)
@@ -112,11 +112,11 @@ def _observe(
 
     By default, that is edges if a pose is refined by them, and otherwise `of_classes`.
     """
-    from semcal_cli.files.point_clouds import Sweeps
+    from semcal_cli.files.point_clouds import SweepCache
     from semcal_cli.observations.cues.cue_table import chosen, load_cues, maximised
     from semcal_cli.observations.reading import load_points
 
-    sweeps = Sweeps()
+    sweeps = SweepCache()
     if by in ("depth", "segment"):
         return by, load_points(drive)
     if by == "edge":

@@ -21,7 +21,7 @@ from semcal_cli.events import Listener
 from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
 from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.many.rig.rig_page import rig_page_html
@@ -75,7 +75,7 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         for name, drive in drives.items():
             outputs[name].check(drive)
     set_num_threads(settings.threads)
-    sweeps, hashes, config = Sweeps(), dict[str, str](), settings.config
+    sweeps, hashes, config = SweepCache(), dict[str, str](), settings.config
     calibrate = settings.calibration()
 
     def run(name: str, on_event: Listener) -> CalibrationDocument:

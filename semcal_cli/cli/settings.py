@@ -26,7 +26,7 @@ Settings = TypeVar("Settings")
 Made = TypeVar("Made")
 PARAMETER, IS_ARGUMENT = "parameter", "is_argument"
 KNOWN_TRANSFORMS = "a calibration, a drive with a reference, or any format that `convert --formats` lists"
-LIMITS = ("least", "most", "above", "below")
+LIMITS = ("minimum", "maximum", "above", "below")
 OPTIONS = "Options"
 """Heading in the help for options without a section of their own."""
 
@@ -115,7 +115,7 @@ def option(help: str, *names: str, default: Any = None, **about: Any) -> Any:
         help: Help text.
         names: Names of the option; if empty, the name of the field.
         default: Default value, which the help shows.
-        about: Limits of a number (`least`, `most`, `above`, `below`), and other arguments of `click.Option`.
+        about: Limits of a number (`minimum`, `maximum`, `above`, `below`), and other arguments of `click.Option`.
     """
     return field(default=default, metadata={PARAMETER: {"help": help, "names": names, **about}})
 
@@ -227,7 +227,7 @@ def _type_of(kind: Any, limits: dict[str, Any]) -> click.ParamType[Any] | None:
     if get_origin(kind) is Literal:
         return click.Choice(get_args(kind))
     if kind is int:
-        return click.IntRange(limits["least"], limits["most"])
+        return click.IntRange(limits["minimum"], limits["maximum"])
     if kind is float:
         low, high = (limits[a] if limits[b] is None else limits[b] for a, b in (LIMITS[::2], LIMITS[1::2]))
         return FiniteRange(

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import Direction
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import KNOWN_TRANSFORMS, FiniteNumber, FiniteRange, Names, option, setting_of
 from semcal_cli.config import (
@@ -24,6 +23,7 @@ from semcal_cli.config import (
     RefinementConfig,
     Zoom,
 )
+from semcal_cli.config.directions import Direction
 from semcal_cli.errors import InputError, check_torch
 from semcal_cli.files.output_files import descriptor
 

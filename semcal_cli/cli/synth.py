@@ -23,15 +23,15 @@ class SynthSettings(SynthConfig, ThreadSettings):
     num_drives: int | None = option(
         "Write N drives of one rig, OUT/000000 and so on, each with its own seed.",
         "--drives",
-        least=1,
-        most=999_999,
+        minimum=1,
+        maximum=999_999,
     )
     num_cameras: int | None = option(
         "Mount N cameras evenly around the LiDAR, the first at --camera-azimuth-deg or straight ahead. Writes "
         "OUT/rig.yaml and one drive per camera, OUT/camera_0 and so on, which share their clouds.",
         "--cameras",
-        least=2,
-        most=99,
+        minimum=2,
+        maximum=99,
     )
     seed: int = setting_of(CalibrationConfig, "seed")
     force: bool = option("Write into a folder that is not empty; other files in it stay.", default=False)

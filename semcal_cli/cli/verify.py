@@ -16,7 +16,6 @@ from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
 from semcal_cli.cli.convert import DIRECTION
 from semcal_cli.cli.options import (
     MAX_LIMIT,
-    Direction,
     EstimateSettings,
     LimitSettings,
     inconclusive_choice,
@@ -26,6 +25,7 @@ from semcal_cli.cli.rules import none_of
 from semcal_cli.cli.settings import argument, command, option, output_file, setting_of
 from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
+from semcal_cli.config.directions import Direction
 
 if TYPE_CHECKING:
     from semcal_cli.cli.outputs import Outputs
@@ -47,7 +47,7 @@ class VerifySettings(LimitSettings, EstimateSettings):
         "Largest allowed time offset of the camera, which is then estimated, too. Needs `motion:` with poses or a "
         "twist, varying speeds, and turns.",
         above=0.0,
-        most=MAX_LIMIT,
+        maximum=MAX_LIMIT,
         metavar="MS",
     )
     as_json: bool = json_flag()

@@ -17,7 +17,7 @@ from semcal_cli.config import AUTO, CalibrationConfig
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
-    from semcal_cli.files.point_clouds import Sweeps
+    from semcal_cli.files.point_clouds import SweepCache
     from semcal_cli.geometry.arrays import Pose
     from semcal_cli.report.view.session import Session
 
@@ -35,7 +35,7 @@ class ViewSettings(EstimateSettings):
         "-o",
         "--output",
     )
-    port: int = option("Port of the page; 0 picks a free one.", default=0, least=0, most=MAX_PORT)
+    port: int = option("Port of the page; 0 picks a free one.", default=0, minimum=0, maximum=MAX_PORT)
     is_opened: bool = option("Also open the page in the browser.", "--open", default=False)
 
 
@@ -102,13 +102,13 @@ def _session(
 ) -> Session:
     """Load the drive. If its files allow no cue and none was requested, it is shown without classes."""
     from semcal_cli.errors import InputError
-    from semcal_cli.files.point_clouds import Sweeps
+    from semcal_cli.files.point_clouds import SweepCache
     from semcal_cli.observations.frame_selection import with_few_frames
     from semcal_cli.observations.loading import LoadedDrive, load
     from semcal_cli.observations.reading import load_points, read_clouds
     from semcal_cli.report.view.session import Session
 
-    sweeps, unlabelled = Sweeps(), ""
+    sweeps, unlabelled = SweepCache(), ""
     few = with_few_frames(spec, config.max_frames)
     try:
         data = load(spec, config, sweeps=sweeps)
@@ -124,8 +124,8 @@ def _session(
     return session
 
 
-def _missing_labels(drive: Drive, sweeps: Sweeps) -> str:
-    """Name the labels that a drive lacks; empty if it has all."""
+def _missing_labels(drive: Drive, sweeps: SweepCache) -> str:
+    """Say which labels a drive lacks; empty if it has all."""
     from semcal_cli.errors import InputError
     from semcal_cli.observations.reading import check_labelled, read_clouds
 

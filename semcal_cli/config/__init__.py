@@ -102,7 +102,7 @@ class InitializationConfig:
         None,
         "With --init or --init-rpy-xyz: search all rotations within this angle of the given pose.",
         above=0.0,
-        most=180.0,
+        maximum=180.0,
         metavar="DEG",
     )
     around_given_deg: float = 5.0
@@ -212,7 +212,7 @@ class PolishConfig:
     max_loss: float = 3.0
     """A polish is rejected if held-out data get worse by more than this many standard errors. The loss is up to 2.6 on
     36 good calibrations of development drives, and up to 3.8 with K wrong by 10 %."""
-    max_loss_of_tops: float = 5.0
+    max_loss_among_maxima: float = 5.0
     """The same for a pose that is the best of several maxima of all data. Held-out data took part in that choice, and
     lose by any other. With segments the loss is 0 to 3.2 standard errors, 1.9 on average, on 11 good synthetic
     drives."""
@@ -256,7 +256,7 @@ FOCAL_SIGMA = 0.02
 """Default relative standard deviation of the focal lengths."""
 CENTER_SIGMA_PX = 10.0
 """Default standard deviation of the principal point, pixels."""
-SIGMA: dict[str, Any] = {"least": 1e-11, "most": 1e3}
+SIGMA: dict[str, Any] = {"minimum": 1e-11, "maximum": 1e3}
 """Limits of the standard deviations of priors; the squares of others overflow or vanish."""
 
 
@@ -266,10 +266,10 @@ class AdjustmentConfig:
 
     intrinsics: tuple[str, ...] = ()
     """Names of the intrinsics, such as fx, cy or k1."""
-    focal_sigma: float | None = setting(None, least=0.0, most=1e3)
+    focal_sigma: float | None = setting(None, minimum=0.0, maximum=1e3)
     """Relative standard deviation of the focal lengths; 0 means that they are exact. None uses what the drive states,
     or else `FOCAL_SIGMA` if they are estimated and `DEFAULT_FOCAL_SIGMA` if not."""
-    center_sigma_px: float | None = setting(None, least=0.0, most=1e3)
+    center_sigma_px: float | None = setting(None, minimum=0.0, maximum=1e3)
     """Standard deviation of the principal point, pixels; None uses what the drive states, or else `CENTER_SIGMA_PX` or
     `DEFAULT_CENTER_SIGMA_PX`."""
     lens_sigma: float = setting(0.1, **SIGMA)
@@ -282,8 +282,8 @@ class AdjustmentConfig:
 
     @property
     def is_empty(self) -> bool:
-        """Whether the pose alone is estimated."""
-        return not self.intrinsics and not self.with_delay
+        """Whether nothing besides the pose is estimated."""
+        return not (self.intrinsics or self.with_delay)
 
 
 @dataclass(frozen=True)
@@ -304,8 +304,8 @@ class RefinementConfig:
     edge_band_px: int = setting(
         EDGE_BAND_PX,
         "Pixels closer than this to another class count one tenth; use more for labels with ragged borders.",
-        least=0,
-        most=100,
+        minimum=0,
+        maximum=100,
         option="--edge-band",
         metavar="PX",
     )
@@ -323,18 +323,18 @@ class CalibrationConfig:
     """The settings of a calibration that a user chooses. The other classes keep their defaults."""
 
     seed: int = setting(
-        0, "Seed of every random choice: the same seed gives the same bytes.", least=0, most=MAX_SEED
+        0, "Seed of every random choice: the same seed gives the same bytes.", minimum=0, maximum=MAX_SEED
     )
     cues: tuple[CueName, ...] = AUTO
     """What points and pixels are compared by."""
     max_frames: int = setting(
-        MAX_FRAMES, "Use at most N frames of a longer drive, those whose label images differ most.", least=1
+        MAX_FRAMES, "Use at most N frames of a longer drive, those whose label images differ most.", minimum=1
     )
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
     """Settings of the initial calibration."""
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     """Settings of the refinement."""
-    num_seeds: int = setting(1, least=1)
+    num_seeds: int = setting(1, minimum=1)
     """Number of seeds, counted from `seed`. More than one shows whether they lead to the same pose."""
     is_raw: bool = False
     """Whether labels and intensities are used without preprocessing: isolated pixels of label images are not repaired,
@@ -345,9 +345,9 @@ class CalibrationConfig:
 class Limits:
     """How far a transform may be off."""
 
-    rotation_deg: float = setting(0.3, "Limit about each axis of the camera, and in total.", least=0.0)
-    translation_m: float = setting(0.05, "Limit along each axis of the camera, and in total.", least=0.0)
-    delay_s: float | None = setting(None, least=0.0)
+    rotation_deg: float = setting(0.3, "Limit about each axis of the camera, and in total.", minimum=0.0)
+    translation_m: float = setting(0.05, "Limit along each axis of the camera, and in total.", minimum=0.0)
+    delay_s: float | None = setting(None, minimum=0.0)
     """Limit of the time offset, seconds, which is then estimated with the pose; None leaves it unchecked."""
 
 
@@ -366,6 +366,6 @@ def check_config(config: CalibrationConfig) -> None:
     jointly = config.refinement.jointly
     for name in ("focal_sigma", "center_sigma_px") if jointly.intrinsics else ():
         # Intrinsics that are stated to be exact cannot be estimated.
-        if (sigma := getattr(jointly, name)) is not None and sigma < SIGMA["least"]:
-            needed = f"a number from {SIGMA['least']:g} to {SIGMA['most']}"
+        if (sigma := getattr(jointly, name)) is not None and sigma < SIGMA["minimum"]:
+            needed = f"a number from {SIGMA['minimum']:g} to {SIGMA['maximum']}"
             raise InputError(f"{name}: found {sigma!r}, needed {needed}")

@@ -34,5 +34,5 @@ def check_cues(cues: tuple[CueName, ...]) -> None:
     if "auto" in cues and len(cues) > 1:
         raise InputError(f"cues: found {cues!r}, needed auto alone")
     for cue in cues:
-        if cue not in PLUGINS.taken and cue not in PLUGINS.names:
+        if cue not in PLUGINS.own_names and cue not in PLUGINS.names:
             raise InputError(f"cues: found {cue!r}, needed {one_of(str(cue), cue_names())}")

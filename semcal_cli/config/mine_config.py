@@ -16,23 +16,25 @@ class MineConfig:
     """
 
     steps_per_level: int = setting(
-        80, "Steps at each level of the pyramid.", least=1, most=100_000, option="--mine-steps"
+        80, "Steps at each level of the pyramid.", minimum=1, maximum=100_000, option="--mine-steps"
     )
     warm_up_steps: int = setting(
         60,
         "Steps at the first level before the pose moves; later levels take a third of them.",
-        least=0,
-        most=100_000,
+        minimum=0,
+        maximum=100_000,
         option="--mine-warm-up",
     )
-    batch_size: int = setting(2048, "Points in a mini-batch.", least=1, most=1 << 20, option="--mine-batch")
+    batch_size: int = setting(
+        2048, "Points in a mini-batch.", minimum=1, maximum=1 << 20, option="--mine-batch"
+    )
     max_points: int = 200_000
     """Maximum number of points used, over all frames and directions."""
     constant_radius: int = 8
     """Points at least this many blocks inside one class are summed up once, because steps do not move them out of
     it."""
     num_hidden: int = setting(
-        32, "Units in each hidden layer of the network.", least=1, most=4096, option="--mine-units"
+        32, "Units in each hidden layer of the network.", minimum=1, maximum=4096, option="--mine-units"
     )
     num_embedding: int = 16
     """Dimension of the space in which the vectors of points and pixels are compared."""

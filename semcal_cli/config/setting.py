@@ -34,8 +34,8 @@ class Setting:
 
     help: str = ""
     """Sentence in the help."""
-    least: float | None = None
-    most: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
     above: float | None = None
     below: float | None = None
     """Limits of a number, the last two exclusive; None for no limit."""
@@ -71,7 +71,7 @@ class Setting:
         if plain is tuple and isinstance(value, tuple):
             return all(map(self.entry.allows, value))
         if plain in (Union, UnionType):
-            return any(Setting(kind=each).allows(value) for each in get_args(self.kind))
+            return any(Setting(kind=kind).allows(value) for kind in get_args(self.kind))
         return isinstance(value, plain)
 
     @property
@@ -81,26 +81,28 @@ class Setting:
 
     def _is_within_limits(self, number: float) -> bool:
         return (
-            (self.least is None or number >= self.least)
+            (self.minimum is None or number >= self.minimum)
             and (self.above is None or number > self.above)
             and (self.below is None or number < self.below)
-            and (self.most is None or number <= self.most)
+            and (self.maximum is None or number <= self.maximum)
         )
 
-    def needed(self, found: object) -> str:
-        """Say which values are allowed; among many words, those nearest to what was found come first."""
+    def needed(self, value: object) -> str:
+        """Describe which values are allowed; among many words, those nearest to the wrong value come first."""
         if self.choices:
-            return one_of(str(found), self.choices)
+            return one_of(str(value), self.choices)
         plain = get_origin(self.kind) or self.kind
         if plain in (Union, UnionType):
-            return " or ".join(Setting(kind=each).needed(found) for each in get_args(self.kind))
+            return " or ".join(Setting(kind=kind).needed(value) for kind in get_args(self.kind))
         words = [NEEDED.get(plain) or plain.__name__]
         if plain is tuple:
             words.append(getattr(self.entry.kind, "__name__", "words"))
-        limits = ("from {:g}", self.least), ("above {:g}", self.above), ("below {:g}", self.below)
-        words += [text.format(limit) for text, limit in (*limits, ("to {}", self.most)) if limit is not None]
-        is_open = self.most is self.below is self.above is None
-        return " ".join([*words, "on"] if self.least is not None and is_open else words)
+        limits = ("from {:g}", self.minimum), ("above {:g}", self.above), ("below {:g}", self.below)
+        words += [
+            text.format(limit) for text, limit in (*limits, ("to {}", self.maximum)) if limit is not None
+        ]
+        is_open = self.maximum is self.below is self.above is None
+        return " ".join([*words, "on"] if self.minimum is not None and is_open else words)
 
 
 def setting(default: Any, help: str = "", **about: Any) -> Any:
@@ -117,15 +119,15 @@ def setting(default: Any, help: str = "", **about: Any) -> Any:
 @cache
 def settings_of(config: type, *, with_others: bool = False) -> dict[str, Setting]:
     """List the settings of a configuration by field name; `with_others` adds the fields that no user sets."""
-    hints, found = get_type_hints(config), {}
-    for each in fields(config):
-        if KEY in each.metadata or with_others:
-            kind = hints[each.name]
+    hints, settings = get_type_hints(config), {}
+    for config_field in fields(config):
+        if KEY in config_field.metadata or with_others:
+            kind = hints[config_field.name]
             is_optional = get_origin(kind) is not Literal and NoneType in get_args(kind)
-            about = each.metadata.get(KEY, Setting())
+            about = config_field.metadata.get(KEY, Setting())
             kind = get_args(kind)[0] if is_optional else kind
-            found[each.name] = replace(about, kind=kind, is_optional=is_optional)
-    return found
+            settings[config_field.name] = replace(about, kind=kind, is_optional=is_optional)
+    return settings
 
 
 def check_settings(config: Any) -> None:
@@ -138,7 +140,7 @@ def check_settings(config: Any) -> None:
     for name, about in settings_of(of_config, with_others=True).items():
         value = getattr(config, name)
         if not about.allows(value):
-            found = type(value).__name__ if is_dataclass(value) else repr(value)
-            raise InputError(f"{name}: found {found}, needed {about.needed(value)}")
+            description = type(value).__name__ if is_dataclass(value) else repr(value)
+            raise InputError(f"{name}: found {description}, needed {about.needed(value)}")
         if is_dataclass(value):
             check_settings(value)

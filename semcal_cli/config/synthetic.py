@@ -9,8 +9,8 @@ from typing import ClassVar, Literal, TypeAlias
 from semcal_cli.config.setting import MAX_SEED, setting
 
 Pattern: TypeAlias = Literal["spinning", "rosette"]
-Lens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectional", "equirectangular"]
-Ontology: TypeAlias = Literal["shared", "disjoint"]
+SynthLens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectional", "equirectangular"]
+SynthOntology: TypeAlias = Literal["shared", "disjoint"]
 RigMotion: TypeAlias = Literal["none", "steady", "mixed"]
 ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
 """Direction in which a rolling shutter reads the lines of an image."""
@@ -29,9 +29,9 @@ drive, lidar, camera, mounting, labels, moving = (
     partial(setting, section=title) for title in ("Drive", "LiDAR", "Camera", "Mounting", "Labels", "Motion")
 )
 """Make a setting in a section of the help."""
-ELEVATION = {"least": -90.0, "most": 90.0}
-ANGLE = {"least": -180.0, "most": 180.0}
-SHARE = {"least": 0.0, "below": 1.0}
+ELEVATION = {"minimum": -90.0, "maximum": 90.0}
+ANGLE = {"minimum": -180.0, "maximum": 180.0}
+SHARE = {"minimum": 0.0, "below": 1.0}
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class SynthConfig:
     """Settings that determine a synthetic drive to the last byte. Mounting angles that are None are drawn at random."""
 
     num_frames: int = drive(
-        20, "Number of frames, each in another street.", least=1, most=999_999, option="--frames"
+        20, "Number of frames, each in another street.", minimum=1, maximum=999_999, option="--frames"
     )
     seed: int = 0
     """Seed of every random choice."""
@@ -47,27 +47,27 @@ class SynthConfig:
         "spinning",
         "Scan pattern: the grid of a spinning LiDAR, or an all-round rosette, which is not a grid.",
     )
-    channels: int = lidar(64, "Number of beams, evenly spaced in elevation.", least=1, most=512)
+    channels: int = lidar(64, "Number of beams, evenly spaced in elevation.", minimum=1, maximum=512)
     columns: int = lidar(
-        800, "Firings per turn. A rosette has channels x columns rays per frame.", least=1, most=65_536
+        800, "Firings per turn. A rosette has channels x columns rays per frame.", minimum=1, maximum=65_536
     )
     fov_up_deg: float = lidar(10.0, "Elevation of the highest ray.", **ELEVATION)
     fov_down_deg: float = lidar(-30.0, "Elevation of the lowest ray.", **ELEVATION)
-    range_noise_m: float = lidar(0.02, "Standard deviation of a range.", least=0.0)
+    range_noise_m: float = lidar(0.02, "Standard deviation of a range.", minimum=0.0)
     dropout: float = lidar(0.05, "Fraction of the returns that are lost.", **SHARE)
-    max_range_m: float = lidar(120.0, "Maximum range of a return.", least=0.0)
+    max_range_m: float = lidar(120.0, "Maximum range of a return.", minimum=0.0)
     lidar_tilt_deg: float = lidar(
         0.0, "Downward tilt of the LiDAR's x axis, and of the camera with it.", **ELEVATION
     )
-    width: int = camera(1280, "Columns of the image.", least=16, most=8192)
-    height: int = camera(720, "Rows of the image.", least=16, most=8192)
-    lens: Lens = camera(
+    width: int = camera(1280, "Columns of the image.", minimum=16, maximum=8192)
+    height: int = camera(720, "Rows of the image.", minimum=16, maximum=8192)
+    lens: SynthLens = camera(
         "standard",
         "standard: 90 degrees without distortion; narrow: 35 degrees, plumb_bob; wide: 100 degrees, "
         "rational_polynomial; fisheye: 200 degrees; omnidirectional: 190 degrees, xi 1.2; equirectangular: 360.",
     )
     hfov_deg: float | None = camera(
-        None, "Horizontal field of view; by default that of the lens.", least=5.0, most=360.0
+        None, "Horizontal field of view; by default that of the lens.", minimum=5.0, maximum=360.0
     )
     camera_azimuth_deg: float | None = mounting(
         None,
@@ -83,20 +83,20 @@ class SynthConfig:
     baseline_m: float | None = mounting(
         None,
         "Distance between the two sensors; by default random, at least 0.1.",
-        least=0.0,
+        minimum=0.0,
         below=SYNTH_MAX_BASELINE_M,
     )
     rig_seed: int | None = mounting(
         None,
         "Seed of whatever these options leave open in the mounting. Drives with the same value share a rig.",
-        least=0,
-        most=MAX_SEED,
+        minimum=0,
+        maximum=MAX_SEED,
     )
     max_baseline_m: float = mounting(
-        1.0, "Maximum random distance between the two sensors.", least=0.2, most=SYNTH_MAX_BASELINE_M
+        1.0, "Maximum random distance between the two sensors.", minimum=0.2, maximum=SYNTH_MAX_BASELINE_M
     )
     label_noise: float = labels(0.0, "Fraction of wrong labels, on both sides.", **SHARE)
-    ontology: Ontology = labels(
+    ontology: SynthOntology = labels(
         "shared", "Label points and images with the same named ids, or with ids that have nothing in common."
     )
     motion: RigMotion = moving(
@@ -108,14 +108,14 @@ class SynthConfig:
         0.0,
         "Time offset: take the images this much later than image_stamp says; negative: earlier. drive.yaml does not "
         "state it.",
-        least=-SYNTH_MAX_DELAY_MS,
-        most=SYNTH_MAX_DELAY_MS,
+        minimum=-SYNTH_MAX_DELAY_MS,
+        maximum=SYNTH_MAX_DELAY_MS,
     )
     readout_ms: float = moving(
         0.0,
         "Time that a rolling shutter takes from the first line of an image to the last; 0: a global shutter.",
-        least=0.0,
-        most=SYNTH_MAX_READOUT_MS,
+        minimum=0.0,
+        maximum=SYNTH_MAX_READOUT_MS,
     )
     readout_direction: ReadoutDirection = moving(
         "down", "Direction in which a rolling shutter reads the lines; down begins with the top row."

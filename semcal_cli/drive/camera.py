@@ -57,7 +57,7 @@ class Interval(NamedTuple):
             raise mismatch(f"{name} {value}", f"{least} {self.low:g} and {most} {self.high:g}")
 
 
-class Lens(NamedTuple):
+class LensModel(NamedTuple):
     """The numbers of a camera model beyond K."""
 
     coefficients: tuple[str, ...]
@@ -76,15 +76,15 @@ _RIGHT_ANGLE = Interval(-math.pi / 2, math.pi / 2, is_open=True)
 _POLYNOMIAL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _THIN_PRISM = (*_POLYNOMIAL, "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _SPHERES = {"xi": Interval(-1.0, 1.0, is_open=True), "alpha": Interval(0.0, 1.0)}
-CAMERA_MODELS: dict[CameraModel, Lens] = {
-    "plumb_bob": Lens(_POLYNOMIAL[:5], (0, 4, 5)),
-    "rational_polynomial": Lens(_POLYNOMIAL, (0, 8)),
-    "thin_prism": Lens(_THIN_PRISM, (0, 12, 14), angles={12: _RIGHT_ANGLE, 13: _RIGHT_ANGLE}),
-    "fisheye": Lens(("k1", "k2", "k3", "k4"), (0, 4)),
-    "omnidirectional": Lens(("k1", "k2", "p1", "p2"), (0, 4), {"xi": Interval(0.0, 100.0)}),
-    "equirectangular": Lens((), (0,)),
-    "fov": Lens(("w",), (1,), angles={0: Interval(0.0, math.pi, is_open=True)}),
-    "double_sphere": Lens((), (0,), _SPHERES),
+CAMERA_MODELS: dict[CameraModel, LensModel] = {
+    "plumb_bob": LensModel(_POLYNOMIAL[:5], (0, 4, 5)),
+    "rational_polynomial": LensModel(_POLYNOMIAL, (0, 8)),
+    "thin_prism": LensModel(_THIN_PRISM, (0, 12, 14), angles={12: _RIGHT_ANGLE, 13: _RIGHT_ANGLE}),
+    "fisheye": LensModel(("k1", "k2", "k3", "k4"), (0, 4)),
+    "omnidirectional": LensModel(("k1", "k2", "p1", "p2"), (0, 4), {"xi": Interval(0.0, 100.0)}),
+    "equirectangular": LensModel((), (0,)),
+    "fov": LensModel(("w",), (1,), angles={0: Interval(0.0, math.pi, is_open=True)}),
+    "double_sphere": LensModel((), (0,), _SPHERES),
 }
 """The lens of each camera model."""
 OF_K = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
@@ -201,8 +201,8 @@ class Camera(StrictModel):
             return parameters
         intervals = CAMERA_MODELS[model].parameters
         if parameters.keys() != intervals.keys():
-            found, needed = (", ".join(map(describe, names)) or "none" for names in (parameters, intervals))
-            raise mismatch(found, f"{needed} for {model}")
+            keys, needed = (", ".join(map(describe, names)) or "none" for names in (parameters, intervals))
+            raise mismatch(keys, f"{needed} for {model}")
         for name, interval in intervals.items():
             interval.check(name, parameters[name])
         return parameters
@@ -214,9 +214,9 @@ def _plain(value: object) -> object:
         case np.ndarray() | np.generic():
             return value.tolist()
         case dict():
-            return {key: _plain(each) for key, each in value.items()}
+            return {key: _plain(item) for key, item in value.items()}
         case list() | tuple():
-            return [_plain(each) for each in value]
+            return [_plain(item) for item in value]
     return value
 
 
@@ -241,10 +241,12 @@ def check_intrinsics(names: tuple[str, ...], camera: Camera, where: str) -> None
     Raises:
         InputError: it lacks one; the message begins with `where`.
     """
-    known = intrinsic_names(camera.model)
+    intrinsics = intrinsic_names(camera.model)
     for name in names:
-        if name not in known:
-            raise InputError(f"{where}: found {name!r}, needed names of {camera.model}: {', '.join(known)}")
+        if name not in intrinsics:
+            raise InputError(
+                f"{where}: found {name!r}, needed names of {camera.model}: {', '.join(intrinsics)}"
+            )
 
 
 def with_all_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
@@ -267,7 +269,7 @@ def without_last_zeros(camera: Camera) -> Camera:
 
 
 def intrinsic_value(camera: Camera, name: str) -> float:
-    """Give the value of an intrinsic; 0 for a coefficient that the lens leaves out."""
+    """Return the value of an intrinsic; 0 for a coefficient that the lens leaves out."""
     if name in OF_K:
         row, column = OF_K[name]
         return camera.K[row][column]
@@ -301,7 +303,7 @@ def with_intrinsics(camera: Camera, values: Mapping[str, float]) -> Camera:
     return Camera.model_validate(document)
 
 
-def variable(camera: Camera, name: str) -> str:
+def core_name(camera: Camera, name: str) -> str:
     """Name an intrinsic as the core does: lens parameters by their index."""
     if name in OF_K:
         return name
@@ -313,7 +315,7 @@ def variable(camera: Camera, name: str) -> str:
 
 
 def sigma_of(camera: Camera) -> IntrinsicsSigma:
-    """Give the standard deviations of the intrinsics: those that the drive states, or the default.
+    """Return the standard deviations of the intrinsics: those that the drive states, or the default.
 
     The K of an equirectangular image follows from its size, and is exact.
     """
@@ -323,21 +325,21 @@ def sigma_of(camera: Camera) -> IntrinsicsSigma:
 
 
 def default_sigma(camera: Camera) -> IntrinsicsSigma:
-    """Give the standard deviations for a drive that states none."""
-    return _of_shares(camera, DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX)
+    """Return the standard deviations for a drive that states none."""
+    return _relative_sigma(camera, DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX)
 
 
-def stating(camera: Camera, jointly: AdjustmentConfig) -> Camera:
+def with_sigma(camera: Camera, jointly: AdjustmentConfig) -> Camera:
     """Set the standard deviations of a camera from settings; the K of an equirectangular one stays exact."""
     share, center_px = jointly.focal_sigma, jointly.center_sigma_px
     if (share is None and center_px is None) or camera.model == "equirectangular":
         return camera
-    known, given = sigma_of(camera), _of_shares(camera, share or 0.0, center_px or 0.0)
-    focal, center = known if share is None else given, known if center_px is None else given
-    stated = IntrinsicsSigma(fx=focal.fx, fy=focal.fy, cx=center.cx, cy=center.cy)
-    return camera.model_copy(update={"intrinsics_sigma": stated})
+    current, override = sigma_of(camera), _relative_sigma(camera, share or 0.0, center_px or 0.0)
+    focal, center = current if share is None else override, current if center_px is None else override
+    sigma = IntrinsicsSigma(fx=focal.fx, fy=focal.fy, cx=center.cx, cy=center.cy)
+    return camera.model_copy(update={"intrinsics_sigma": sigma})
 
 
-def _of_shares(camera: Camera, focal_share: float, center_px: float) -> IntrinsicsSigma:
+def _relative_sigma(camera: Camera, focal_share: float, center_px: float) -> IntrinsicsSigma:
     (fx, _, _), (_, fy, _), _ = camera.K
     return IntrinsicsSigma(fx=focal_share * fx, fy=focal_share * fy, cx=center_px, cy=center_px)

@@ -18,8 +18,8 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import (
     FileName,
+    RigidTransform,
     StrictModel,
-    Transform,
     Version,
     check_distinct,
     length,
@@ -165,10 +165,10 @@ class Motion(StrictModel):
 
     @model_validator(mode="after")
     def _check_one(self) -> Motion:
-        ways = {"twist": self.twist, "poses": self.poses, "speed_m_s": self.speed_m_s}
-        found = [name for name, value in ways.items() if value is not None]
-        if len(found) != 1:
-            raise mismatch(" and ".join(found) or "none", f"one of {', '.join(ways)}")
+        sources = {"twist": self.twist, "poses": self.poses, "speed_m_s": self.speed_m_s}
+        names = [name for name, value in sources.items() if value is not None]
+        if len(names) != 1:
+            raise mismatch(" and ".join(names) or "none", f"one of {', '.join(sources)}")
         if self.sigma is not None and self.speed_m_s is not None:
             raise mismatch("sigma beside speed_m_s", "poses or a twist, whose errors it states")
         return self
@@ -201,7 +201,7 @@ class Drive(StrictModel):
     drive states its motion, it is part of the interval, as far as the frames do not determine the offset."""
     networks: LabelNetworks | None = None
     """Networks that made the labels, as written by `semcal label`; a result repeats them."""
-    T_camera_lidar: Transform | None = None
+    T_camera_lidar: RigidTransform | None = None
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Used only for comparisons."""
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
@@ -220,16 +220,16 @@ class Drive(StrictModel):
         Raises:
             InputError: an argument is missing or wrong; the message names it, what was found and what was needed.
         """
-        document, held = document_of(arrays)
+        document, held_arrays = document_of(arrays)
         path = Path(arrays.get("name", "arrays"))
         drive = validate(cls, document, path)
         if (
             drive.motion is not None
             and drive.motion.poses is not None
-            and drive.motion.poses not in held.by_name
+            and drive.motion.poses not in held_arrays.by_name
         ):
             raise InputError(f"{path}: motion.poses: found {drive.motion.poses!r}, needed 'poses', the array")
-        drive._path, drive._arrays = path, held
+        drive._path, drive._arrays = path, held_arrays
         return drive
 
     @field_validator("palette")
@@ -270,7 +270,7 @@ class Drive(StrictModel):
         return self.root / relative
 
     def name_of(self, frame: Frame, key: str, needed: str) -> str:
-        """Give the name of a file, or of an array, that a frame must have.
+        """Return the name of a file, or of an array, that a frame must have.
 
         Raises:
             InputError: the frame has none; `needed` says what was needed.

@@ -99,23 +99,23 @@ class HeldArrays:
     by_name: Mapping[str, Array]
 
     def times_of(self, points: str) -> dict[str, Array]:
-        """Give the point times of a sweep by name, with their own name; empty if there are none."""
+        """Return the point times of a sweep by name, with their own name; empty if there are none."""
         name = TIMES + points.removeprefix("points")
         return {name: self.by_name[name]} if name in self.by_name else {}
 
 
-def document_of(given: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
+def document_of(arrays: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
     """Check arrays, and describe them as the document of a drive.
 
     Raises:
         InputError: an argument is missing, unknown or of the wrong form; the message names it.
     """
-    known = list(ArrayInput.__annotations__)
-    for name in given.keys() - set(known):
-        raise InputError(f"{name}: found an unknown argument, needed {one_of(name, known)}")
-    if not isinstance(given.get("name", ""), str):
-        raise InputError(f"name: found {describe(given['name'])}, needed text")
-    camera, points = given.get("camera"), given.get("points")
+    argument_names = list(ArrayInput.__annotations__)
+    for name in arrays.keys() - set(argument_names):
+        raise InputError(f"{name}: found an unknown argument, needed {one_of(name, argument_names)}")
+    if not isinstance(arrays.get("name", ""), str):
+        raise InputError(f"name: found {describe(arrays['name'])}, needed text")
+    camera, points = arrays.get("camera"), arrays.get("points")
     if not isinstance(camera, Camera):
         raise InputError(f"camera: found {type(camera).__name__}, needed semcal.Camera")
     if points is None or (_is_list(points) and len(points) == 0):
@@ -123,33 +123,33 @@ def document_of(given: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
     if not _is_list(points):
         raise InputError(f"points: found {type(points).__name__}, needed a list with an array for each frame")
     frames: list[dict[str, Any]] = [{} for _ in points]
-    held = dict[str, Array]()
+    by_name = dict[str, Array]()
     for argument in (*LISTS, TIMES):
-        for index, array in _listed(given, argument, len(points)):
+        for index, array in _listed(arrays, argument, len(points)):
             name = f"{argument}[{index}]"
             check_array(name, array, _forms(argument, camera, points[index]))
-            held[name] = array
+            by_name[name] = array
             if argument in LISTS:
                 frames[index][LISTS[argument]] = name
     for argument, key in STAMPS.items():
-        for index, stamp in _listed(given, argument, len(points)):
+        for index, stamp in _listed(arrays, argument, len(points)):
             try:
                 frames[index][key] = float(stamp)
             except (TypeError, ValueError):
                 raise InputError(f"{argument}[{index}]: found {describe(stamp)}, needed seconds") from None
-    document = {key: given[key] for key in OF_DRIVE if key in given}  # type: ignore[literal-required]
-    if "poses" in given:
-        check_array(POSES, given["poses"], [Form(("M", 8))])
-        held[POSES] = given["poses"]
+    document = {key: arrays[key] for key in OF_DRIVE if key in arrays}  # type: ignore[literal-required]
+    if "poses" in arrays:
+        check_array(POSES, arrays["poses"], [Form(("M", 8))])
+        by_name[POSES] = arrays["poses"]
         document.setdefault("motion", {"poses": POSES})
     if isinstance(reference := document.get("T_camera_lidar"), np.ndarray):
         document["T_camera_lidar"] = reference.tolist()
-    return {"semcal_drive": 1, **document, "frames": frames}, HeldArrays(held)
+    return {"semcal_drive": 1, **document, "frames": frames}, HeldArrays(by_name)
 
 
-def _listed(given: ArrayInput, argument: str, count: int) -> Iterator[tuple[int, Any]]:
+def _listed(arrays: ArrayInput, argument: str, count: int) -> Iterator[tuple[int, Any]]:
     """Yield the entries of a list that are not None, with their indices."""
-    entries: Sequence[Any] | None = given.get(argument)  # type: ignore[assignment]
+    entries: Sequence[Any] | None = arrays.get(argument)  # type: ignore[assignment]
     if entries is None:
         return
     if not _is_list(entries):

@@ -22,7 +22,7 @@ from semcal_cli.experiments.measured import machine, measured_here
 from semcal_cli.experiments.plots import plot_png
 from semcal_cli.experiments.summary import Column, summarise, summary_table
 from semcal_cli.files.input_files import check_own_file, read_text
-from semcal_cli.files.output_files import locked, make_folder, write_bytes, write_text
+from semcal_cli.files.output_files import lock_file, make_folder, write_bytes, write_text
 from semcal_cli.many.batch.pace import Pace
 from semcal_cli.many.batch.processes import ProcessError, Worker, in_processes
 from semcal_cli.threads import set_num_threads
@@ -151,7 +151,7 @@ class Experiment(Generic[Case, Result]):
             except ProcessError as error:
                 raise CalibrationError(f"{case}: {error}") from None
 
-        with locked(self.folder / JOURNAL, "run"):
+        with lock_file(self.folder / JOURNAL, "run"):
             journal = Journal(self.folder / JOURNAL, self.result)
             missing = [case for case in self.cases if repr(case) not in journal.entries]
             watcher.resume(len(self.cases) - len(missing), len(self.cases))

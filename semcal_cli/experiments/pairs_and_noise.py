@@ -23,7 +23,7 @@ from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.plots import GREY, draw_groups, make_logarithmic
 from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, common, count, group_results
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.frame_selection import with_frames
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def run(
     num_frames = max(setting.num_pairs for setting in settings)
     drive, truth = pool.read("drive", {**changes, "num_frames": num_frames}, case.seed)
     rng = np.random.default_rng(case.seed)
-    order, T_init = rng.permutation(num_frames), displaced(truth, START_DEG, START_M, rng)
+    order, T_init = rng.permutation(num_frames), displace(truth, START_DEG, START_M, rng)
     chosen = with_frames(drive, sorted(order[: setting.num_pairs]))
     scene = Scene(chosen, wrong=setting.wrong, seed=case.seed, is_mended=is_mended)
     method, start = METHODS[case.method], perf_counter()

@@ -42,7 +42,7 @@ class Form(NamedTuple):
         if len(shape) != len(self.shape):
             return False
         return all(
-            isinstance(mine, str) or mine == side for side, mine in zip(shape, self.shape, strict=True)
+            isinstance(length, str) or length == side for side, length in zip(shape, self.shape, strict=True)
         )
 
 
@@ -98,7 +98,7 @@ class ArrayCloud:
         return len(self.is_return) - len(self.points)
 
 
-Cloud: TypeAlias = core.PointCloud | ArrayCloud
+SweepCloud: TypeAlias = core.PointCloud | ArrayCloud
 """A sweep read from a file, or made from arrays."""
 
 
@@ -122,15 +122,15 @@ def cloud_of(
     is_return = np.asarray(np.isfinite(xyz).all(axis=1) & xyz.any(axis=1))
     if not is_return.any():
         raise InputError(f"{name}: found no points, needed coordinates that are finite and not all zero")
-    kept = slice(None) if is_return.all() else is_return
-    found = None if labels is None else labels_of(labels[0], labels[1][kept])
+    selection = slice(None) if is_return.all() else is_return
+    point_labels = None if labels is None else labels_of(labels[0], labels[1][selection])
     return ArrayCloud(
-        points=np.ascontiguousarray(xyz[kept]),
+        points=np.ascontiguousarray(xyz[selection]),
         is_return=is_return,
-        intensity=np.ascontiguousarray(columns[kept, 3]) if columns.shape[1] > 3 else None,
-        time=None if times is None else np.ascontiguousarray(times[kept], np.float64),
-        labels=found if isinstance(found, np.ndarray) else None,
-        label_shares=found if isinstance(found, core.ClassShares) else None,
+        intensity=np.ascontiguousarray(columns[selection, 3]) if columns.shape[1] > 3 else None,
+        time=None if times is None else np.ascontiguousarray(times[selection], np.float64),
+        labels=point_labels if isinstance(point_labels, np.ndarray) else None,
+        label_shares=point_labels if isinstance(point_labels, core.ClassShares) else None,
     )
 
 

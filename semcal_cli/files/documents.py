@@ -19,8 +19,8 @@ from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
 from semcal_cli.files.output_files import descriptor
 from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml
 
-Format: TypeAlias = Literal["yaml", "json"]
-FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
+DocumentFormat: TypeAlias = Literal["yaml", "json"]
+FORMATS: dict[str, DocumentFormat] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
 LONGEST_LINE = 2**31 - 1
 """Number of columns after which a written line may be broken: the largest that libyaml accepts."""
 
@@ -80,14 +80,14 @@ def parse_any(text: str, path: Path) -> Any:
     return _parse(text, "json" if path.suffix.lower() == ".json" else "yaml", str(path))
 
 
-def _parse(text: str, format: Format, where: str) -> Any:
+def _parse(text: str, format: DocumentFormat, where: str) -> Any:
     try:
         return parse(text, format)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
 
 
-def parse(text: str, format: Format) -> Any:
+def parse(text: str, format: DocumentFormat) -> Any:
     """Parse a text.
 
     Raises:
@@ -134,7 +134,7 @@ def check_depth(document: object) -> None:
 
 
 def reason(error: Exception, num_lines: int = 0) -> str:
-    """Say in a few words why a text is not well-formed; `num_lines` lines precede the parsed text."""
+    """Describe in a few words why a text is not well-formed; `num_lines` lines precede the parsed text."""
     match error:
         case RecursionError():
             return "nested too deeply"
@@ -193,7 +193,7 @@ def _represent_list(dumper: Any, data: Iterable[Any]) -> yaml.SequenceNode:
 _DUMPER = make_dumper(yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper)
 
 
-def document_text(document: Mapping[str, Any], format: Format) -> str:
+def document_text(document: Mapping[str, Any], format: DocumentFormat) -> str:
     """Format a document of plain values as text, with keys in the order given and floats exact to the last bit.
 
     YAML of a document that has a JSON Schema begins with a comment that gives editors its address.
@@ -219,7 +219,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def output_format(path: Path) -> Format:
+def output_format(path: Path) -> DocumentFormat:
     """Choose the output format by the suffix; a descriptor such as /dev/stdout gets YAML.
 
     Raises:

@@ -15,7 +15,7 @@ from semcal_cli.errors import InputError, counted
 from semcal_cli.files.input_files import check_size, open_file, size_of
 from semcal_cli.files.output_files import write_bytes
 
-BYTES_A_PIXEL, MORE_BYTES = 8, 1 << 24
+BYTES_PER_PIXEL, MORE_BYTES = 8, 1 << 24
 """Maximum size of an image file: bytes per pixel, and bytes for anything else, such as a preview."""
 MAX_HEADER_BYTES = 16 << 20
 """Bytes at the start of a large file in which its header is searched for."""
@@ -47,9 +47,9 @@ def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
     import cv2
 
     with open_file(path) as file:
-        width, height = found = stated_size(path, file)
-        _check_pixels(path, found, size)
-        limit = BYTES_A_PIXEL * width * height + MORE_BYTES
+        width, height = header_size = size_in_header(path, file)
+        _check_pixels(path, header_size, size)
+        limit = BYTES_PER_PIXEL * width * height + MORE_BYTES
         check_size(path, size_of(file), limit, f" for {width} x {height} pixels")
         content = file.read(size_of(file))
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
@@ -57,8 +57,8 @@ def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
         image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error:
         image = None
-    if image is None or image.shape[1::-1] != found:
-        raise _damaged(path)
+    if image is None or image.shape[1::-1] != header_size:
+        raise _damage_error(path)
     return image.astype(np.uint8, copy=False)
 
 
@@ -78,10 +78,10 @@ def read_size(path: Path) -> Size:
         InputError: the file is missing or is not an image.
     """
     with open_file(path) as file:
-        return stated_size(path, file)
+        return size_in_header(path, file)
 
 
-def stated_size(path: Path, file: BinaryIO) -> Size:
+def size_in_header(path: Path, file: BinaryIO) -> Size:
     """Read the columns and rows from the header of an open file, and go back to its start.
 
     Raises:
@@ -126,15 +126,15 @@ def write_image(image: npt.NDArray[np.uint8], path: Path) -> None:
     write_bytes(content.tobytes(), path)
 
 
-def _check_pixels(path: Path, found: Size, needed: Size | None) -> None:
-    width, height = found
-    if needed is not None and found != needed:
+def _check_pixels(path: Path, size: Size, needed: Size | None) -> None:
+    width, height = size
+    if needed is not None and size != needed:
         raise InputError(f"{path}: found {width} x {height} pixels, needed {needed[0]} x {needed[1]}")
     if width * height > MAX_PIXELS:
         raise InputError(f"{path}: found {width:,} x {height:,} pixels, needed at most {MAX_PIXELS:,}")
 
 
-def _damaged(path: Path) -> InputError:
+def _damage_error(path: Path) -> InputError:
     return InputError(f"{path}: found a damaged image, needed an intact one")
 
 
@@ -144,17 +144,17 @@ def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
     file.seek(0)
     start = file.read(len(PNG))
     if not start.startswith((PNG, JPEG, BMP)):
-        found = f"{counted(num_bytes, 'byte')} of an unknown format"
-        raise InputError(f"{path}: found {found}, needed a PNG, JPEG or BMP")
+        description = f"{counted(num_bytes, 'byte')} of an unknown format"
+        raise InputError(f"{path}: found {description}, needed a PNG, JPEG or BMP")
     file.seek(0)
     # An endless header would take memory and time.
     head = file if num_bytes <= MAX_HEADER_BYTES else BytesIO(file.read(MAX_HEADER_BYTES))
     try:
         size, mode = _parse_header(head, start)
     except Exception:  # Pillow lets errors of any kind through, such as struct's.
-        raise _damaged(path) from None
+        raise _damage_error(path) from None
     if 0 in size:
-        raise _damaged(path)
+        raise _damage_error(path)
     return size, mode
 
 

@@ -137,13 +137,13 @@ def read_reason(error: OSError) -> str:
     return os_reason(error)
 
 
-def _check_regular(path: Path, found: os.stat_result) -> None:
-    if not stat.S_ISREG(found.st_mode):
-        raise _no_file(path, "a folder" if stat.S_ISDIR(found.st_mode) else "a special file")
+def _check_regular(path: Path, status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        raise _no_file(path, "a folder" if stat.S_ISDIR(status.st_mode) else "a special file")
 
 
-def _no_file(path: Path, found: str) -> InputError:
-    return InputError(f"{path}: found {found}, needed a file")
+def _no_file(path: Path, kind: str) -> InputError:
+    return InputError(f"{path}: found {kind}, needed a file")
 
 
 FILE, FOLDER, LINK = "a file", "a folder", "a link"

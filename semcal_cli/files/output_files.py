@@ -124,8 +124,8 @@ def descriptor(path: Path) -> int | None:
 
     The real path of a descriptor does not show this, because it is the file that the shell opened.
     """
-    numbered = _NUMBERED.fullmatch(str(path))
-    return int(numbered[1]) if numbered else _NAMED.get(str(path))
+    match = _NUMBERED.fullmatch(str(path))
+    return int(match[1]) if match else _NAMED.get(str(path))
 
 
 def check_descriptor(path: Path) -> None:
@@ -212,7 +212,7 @@ def no_empty_folder(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def removed_if_refused() -> Iterator[Callable[[bytes, Path], None]]:
+def remove_if_refused() -> Iterator[Callable[[bytes, Path], None]]:
     """Yield a function that writes a file and its folders; what it added is removed again if the block is refused."""
     files, folders = list[Path](), list[Path]()
 
@@ -235,7 +235,7 @@ def removed_if_refused() -> Iterator[Callable[[bytes, Path], None]]:
 
 
 @contextmanager
-def locked(file: Path, run: str) -> Iterator[int]:
+def lock_file(file: Path, run: str) -> Iterator[int]:
     """Lock a file, and thereby its folder, for this run; the lock ends with the process that holds it.
 
     Args:
@@ -249,14 +249,14 @@ def locked(file: Path, run: str) -> Iterator[int]:
         InputError: another process holds the lock, or the file is a special file or cannot be written to.
     """
     make_folder(file.parent)
-    with open_own(file) as opened:
+    with open_own(file) as stream:
         try:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InputError(
                 f"{file.parent}: found another {run} using this folder, needed a separate folder"
             ) from None
-        yield opened.fileno()
+        yield stream.fileno()
 
 
 def open_own(file: Path) -> BinaryIO:

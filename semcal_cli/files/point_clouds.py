@@ -15,17 +15,17 @@ import numpy as np
 from semcal_cli import core
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.errors import InputError, check_installed
-from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.input_files import check_size, open_file, size_of
 
 if TYPE_CHECKING:
     import laspy
 
-BYTES_A_POINT = 64
+BYTES_PER_POINT = 64
 """Maximum bytes per point of a file; see `rust/point_cloud/limit.rs`."""
-A_POINT = f", {BYTES_A_POINT} a point: see --max-points"
+PER_POINT = f", {BYTES_PER_POINT} a point: see --max-points"
 """What a limit in bytes applies to, for messages."""
-LEAST_BYTES = 1 << 20
+MIN_LIMIT_BYTES = 1 << 20
 """Bytes that any file may have."""
 CHUNK = 1_000_000
 """Points unpacked at a time, so that a header that promises too many costs nothing."""
@@ -72,27 +72,32 @@ def read_point_clouds(
 
 def max_bytes(max_points: int) -> int:
     """Maximum size in bytes of a point cloud, and of a file of its labels or features."""
-    return max(BYTES_A_POINT * max_points, LEAST_BYTES)
+    return max(BYTES_PER_POINT * max_points, MIN_LIMIT_BYTES)
 
 
-class Sweeps:
+class SweepCache:
     """Reads each sweep with its labels once, and keeps it for all cameras and cues."""
 
     def __init__(self) -> None:
-        self._clouds: dict[Key, Cloud] = {}
+        self._clouds: dict[Key, SweepCloud] = {}
 
-    def read(self, files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS) -> list[Cloud]:
+    def read(
+        self, files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS
+    ) -> list[SweepCloud]:
         """Read sweeps as `read_point_clouds` does, with the same arguments and errors."""
         keys = [
             (os.path.realpath(points), None if labels is None else os.path.realpath(labels))
             for points, labels in files
         ]
-        return self.taken(keys, files, lambda missing: read_point_clouds(missing, max_points))
+        return self.get(keys, files, lambda missing: read_point_clouds(missing, max_points))
 
-    def taken(
-        self, keys: Sequence[Key], sources: Sequence[Source], read: Callable[[list[Source]], Sequence[Cloud]]
-    ) -> list[Cloud]:
-        """Give the sweep of each key, either kept or read from its source."""
+    def get(
+        self,
+        keys: Sequence[Key],
+        sources: Sequence[Source],
+        read: Callable[[list[Source]], Sequence[SweepCloud]],
+    ) -> list[SweepCloud]:
+        """Return the sweep of each key, either kept or read from its source."""
         missing = {key: source for key, source in zip(keys, sources, strict=True) if key not in self._clouds}
         self._clouds.update(zip(missing, read(list(missing.values())), strict=True))
         return [self._clouds[key] for key in keys]
@@ -110,7 +115,7 @@ def _is_las(path: Path) -> bool:
 def _check_las(path: Path, max_points: int) -> None:
     check_installed(str(path), "laspy", "las")
     with _refusing(path), open_file(path) as stream:
-        check_size(path, size_of(stream), max_bytes(max_points), A_POINT)
+        check_size(path, size_of(stream), max_bytes(max_points), PER_POINT)
         _check_header(path, stream, max_points)
 
 
@@ -121,8 +126,11 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> core.PointClo
         # The parallel backend aborts the process when a damaged file makes two of its threads panic.
         backend = laspy.LazBackend.Lazrs
         with laspy.open(stream, read_evlrs=False, closefd=False, laz_backend=backend) as file:
-            known = set(file.header.point_format.dimension_names)
-            fields = {**{axis: axis for axis in "xyz"}, **{a: b for a, b in FIELDS.items() if a in known}}
+            dimensions = set(file.header.point_format.dimension_names)
+            fields = {
+                **{axis: axis for axis in "xyz"},
+                **{a: b for a, b in FIELDS.items() if a in dimensions},
+            }
             chunks = []
             for chunk in file.chunk_iterator(CHUNK):
                 columns = {fields[name]: np.asarray(chunk[name]) for name in fields}

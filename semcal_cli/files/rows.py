@@ -92,7 +92,7 @@ class _Text:
         return value
 
     def _next(self) -> str:
-        """Skip white space and give the next character; empty at the end."""
+        """Skip white space and return the next character; empty at the end."""
         while self._reaches(1):
             blanks = _BLANKS.match(self._text, self._place)
             self._place = blanks.end() if blanks else self._place
@@ -105,7 +105,7 @@ class _Text:
             raise JSONDecodeError(complaint, self._text, self._place)
 
     def _reaches(self, count: int) -> bool:
-        """Read on until at least `count` characters lie ahead; tell whether they do."""
+        """Read on until at least `count` characters lie ahead; return whether they do."""
         while len(self._text) - self._place < count and (more := self._file.read(PIECE)):
             self.num_lines += self._text.count("\n", 0, self._place)
             self._text, self._place = self._text[self._place :] + more, 0

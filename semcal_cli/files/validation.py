@@ -31,17 +31,17 @@ class StrictModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _name_nearest_key(cls, document: object) -> object:
-        known = [str(field.validation_alias or name) for name, field in cls.model_fields.items()]
+        known_keys = [str(field.validation_alias or name) for name, field in cls.model_fields.items()]
         entries = document if isinstance(document, dict) else {}
-        check_not_newer(entries, known)
+        check_not_newer(entries, known_keys)
         for key, value in entries.items():
-            if key not in known:
-                nearest = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
+            if key not in known_keys:
+                nearest = difflib.get_close_matches(str(key), known_keys, n=1, cutoff=0.0)[0]
                 raise ValueError(f"unknown key {describe(key)}; the nearest known key is {nearest!r}")
             if isinstance(value, dict):
-                inner = sum(len(each) for each in value.values() if isinstance(each, dict))
-                if (found := len(value) + inner) > MAX_ENTRIES:
-                    problem = mismatch(f"a mapping of {found:,} entries", f"at most {MAX_ENTRIES:,}")
+                inner = sum(len(entry) for entry in value.values() if isinstance(entry, dict))
+                if (num_entries := len(value) + inner) > MAX_ENTRIES:
+                    problem = mismatch(f"a mapping of {num_entries:,} entries", f"at most {MAX_ENTRIES:,}")
                     raise ValueError(f"{key}: {problem}")
         return document
 
@@ -81,17 +81,17 @@ def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
                 raise mismatch(f"{value} under {describe(owner)} and {describe(name)}", "it under one name")
 
 
-def check_not_newer(document: Mapping[Any, Any], known: Iterable[str]) -> None:
+def check_not_newer(document: Mapping[Any, Any], known_keys: Iterable[str]) -> None:
     """Refuse a newer version before other keys are checked, some of which may be unknown.
 
     Args:
         document: The document.
-        known: Keys that it may have, including that of its version.
+        known_keys: Keys that it may have, including that of its version.
 
     Raises:
         ValueError: a newer semcal wrote the document.
     """
-    for key in (key for key in known if key.startswith("semcal_")):
+    for key in (key for key in known_keys if key.startswith("semcal_")):
         version = document.get(key)
         if type(version) is int and version > NEWEST_VERSION:
             newer = f"{describe(version)}, which a newer semcal wrote"
@@ -136,7 +136,7 @@ Vector3: TypeAlias = Annotated[tuple[float, ...], length(3, 3)]
 Vector4: TypeAlias = Annotated[tuple[float, ...], length(4, 4)]
 StatedTransform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidator(_check_rigid)]
 """Rigid transform as a file states it, with its rounding."""
-Transform: TypeAlias = Annotated[StatedTransform, AfterValidator(_orthonormal)]
+RigidTransform: TypeAlias = Annotated[StatedTransform, AfterValidator(_orthonormal)]
 """Rigid transform whose rounding is removed; one that semcal wrote is read back to the last bit."""
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -172,12 +172,12 @@ def _complaint(error: ErrorDetails) -> str:
     context: dict[str, Any] = error.get("ctx", {})
     if error["type"] == "value_error":
         return str(context["error"])
-    found = "nothing" if error["type"] == "missing" else describe(error["input"])
+    description = "nothing" if error["type"] == "missing" else describe(error["input"])
     if error["type"] in ("too_short", "too_long") and isinstance(error["input"], dict):
-        found = f"a mapping of {len(error['input'])}"
+        description = f"a mapping of {len(error['input'])}"
     if error["loc"] and str(error["loc"][-1]).startswith("semcal_"):
-        return f"found {found}, needed {NEWEST_VERSION}"
-    return f"found {found}, needed {_NEEDED.get(error['type'], error['msg']).format(**context)}"
+        return f"found {description}, needed {NEWEST_VERSION}"
+    return f"found {description}, needed {_NEEDED.get(error['type'], error['msg']).format(**context)}"
 
 
 def _key(error: ErrorDetails) -> str:

@@ -104,7 +104,7 @@ def _compose(next_event: Callable[[], Event]) -> Any:
             inner, key = [] if kind is SequenceStartEvent else {}, _NO_KEY
             continue
         elif kind is AliasEvent:
-            raise _refused(event)
+            raise _refusal(event)
         else:
             value = inner
             inner, key = outer.pop()
@@ -126,7 +126,7 @@ _NO_KEY = object()
 
 
 def plain_value(text: str) -> Any:
-    """Give the value of a plain scalar: a number, a truth value, None or text."""
+    """Return the value of a plain scalar: a number, a truth value, None or text."""
     for matches, convert in _RULES.get(text[:1], ()):
         if matches(text):
             return convert(text)
@@ -135,10 +135,10 @@ def plain_value(text: str) -> Any:
 
 def _check_plain(event: Any) -> None:
     if event.anchor or event.tag:
-        raise _refused(event)
+        raise _refusal(event)
 
 
-def _refused(event: Event) -> yaml.MarkedYAMLError:
+def _refusal(event: Event) -> yaml.MarkedYAMLError:
     return _error("anchors, aliases and tags are not supported", event)
 
 

@@ -57,7 +57,7 @@ def read_extrinsic(
     path = Path(path)
     source = Source.read(drive_file(path))
     try:
-        format = _recognised(source) if name is None else find_format(name)
+        format = _recognise(source) if name is None else find_format(name)
         if not format.recognises(source):
             _check_form(source)
         _check_options(format, options or FormatOptions())
@@ -68,12 +68,12 @@ def read_extrinsic(
         if options is not None and direction_option is None:
             raise
         if isinstance(error, _UnknownFormatError):
-            found = str(error).partition(" in a format of --from")[0]
-            raise InputError(f"{found} in a format that `semcal convert --formats` lists") from None
+            beginning = str(error).partition(" in a format of --from")[0]
+            raise InputError(f"{beginning} in a format that `semcal convert --formats` lists") from None
         # Commands that read a transform as one input of several have at most one of these options.
-        before, found, after = str(error).partition("--direction" if direction_option else "\0")
+        before, option, after = str(error).partition("--direction" if direction_option else "\0")
         convert = "; `semcal convert` takes this option" if OPTION.search(before + after) else ""
-        raise type(error)(f"{before}{found and direction_option}{after}{convert}") from None
+        raise type(error)(f"{before}{option and direction_option}{after}{convert}") from None
     return Extrinsic(T_camera_lidar, source)
 
 
@@ -95,23 +95,23 @@ def read_transform(
     return read_extrinsic(path, name, options, direction_option=direction_option).T_camera_lidar
 
 
-def _recognised(source: Source) -> Format:
+def _recognise(source: Source) -> Format:
     # A plugin changes nothing about files that semcal reads itself.
     recognised = [format for format in FORMATS if format.recognises(source)] or [
         format for format in plugin_formats() if format.recognises(source)
     ]
-    found = [format for format in recognised if format.has_transform] or recognised
-    if len(found) == 1:
-        return found[0]
-    if not found:
+    candidates = [format for format in recognised if format.has_transform] or recognised
+    if len(candidates) == 1:
+        return candidates[0]
+    if not candidates:
         _check_form(source)
-    known = ", ".join(format.name for format in found or all_formats() if format.has_transform)
-    if found:
+    names = ", ".join(format.name for format in candidates or all_formats() if format.has_transform)
+    if candidates:
         raise InputError(
-            f"{source.path}: found content of several formats, needed --from with one of: {known}"
+            f"{source.path}: found content of several formats, needed --from with one of: {names}"
         )
     raise _UnknownFormatError(
-        f"{source.path}: found {_content(source)}, needed a transform in a format of --from: {known}"
+        f"{source.path}: found {_content(source)}, needed a transform in a format of --from: {names}"
     )
 
 
@@ -186,23 +186,23 @@ def convert(
     read_files = [drive_file(source)]
     if source.name == bases.TABLE:
         read_files.append(source.with_name(bases.SENSORS))
-    if path is not None and any(is_same_file(path, each) for each in read_files):
+    if path is not None and any(is_same_file(path, file) for file in read_files):
         raise InputError(f"{path}: found the input file, needed another name")
     written = write_options or FormatOptions()
     if find_format(to).has_transform:
-        found = read_extrinsic(source, from_format, read_options)
-        record = found.record
+        extrinsic = read_extrinsic(source, from_format, read_options)
+        record = extrinsic.record
     else:
         _check_options(semcal.FORMAT, read_options or FormatOptions())
         content = Source.read(drive_file(source))
         if not semcal.FORMAT.recognises(content):
             _check_form(content)
-        found, record = Extrinsic(np.eye(4), content), None
-        if found.camera is None or from_format not in (None, semcal.FORMAT.name):
+        extrinsic, record = Extrinsic(np.eye(4), content), None
+        if extrinsic.camera is None or from_format not in (None, semcal.FORMAT.name):
             raise InputError(
                 f"{source}: found no camera, needed a semcal calibration or a drive: --to {to} writes intrinsics"
             )
-    text = write_transform(found.T_camera_lidar, path, to, replace(written, intrinsics=found.camera))
+    text = write_transform(extrinsic.T_camera_lidar, path, to, replace(written, intrinsics=extrinsic.camera))
     if record is not None and record.status == "not_trusted":
         written.note(f"{source}: the transform is not trusted; see its reasons")
     return text
@@ -210,16 +210,16 @@ def convert(
 
 def _check_options(format: Format, options: FormatOptions) -> None:
     """Refuse options that the format does not use."""
-    said, prefix = vars(options), options.prefix
+    values, prefix = vars(options), options.prefix
     for name in ("camera", "lidar"):
-        if said[name] == "":
+        if values[name] == "":
             raise InputError(f"{prefix}{name}: found nothing, needed a name")
     if options.camera is not None and options.camera == options.lidar:
         raise InputError(
             f"{prefix}camera, {prefix}lidar: found {options.camera!r} for both, needed two names"
         )
     for name in ("direction", "frame", "camera", "lidar"):
-        if said[name] is not None and name not in format.asks:
+        if values[name] is not None and name not in format.asks:
             raise InputError(
-                f"{prefix}{name}: found {said[name]!r}, needed nothing: {format.name} files do not use it"
+                f"{prefix}{name}: found {values[name]!r}, needed nothing: {format.name} files do not use it"
             )

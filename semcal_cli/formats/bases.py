@@ -8,11 +8,11 @@ from typing import Any
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.output_files import STANDARD_INPUT
-from semcal_cli.formats.document_formats import Pair, base_format
+from semcal_cli.formats.document_formats import SensorPair, base_format
 from semcal_cli.formats.format import FRAMES, FormatOptions
 from semcal_cli.formats.frame_names import T_BODY_OPTICAL, camera_and_lidar, optical_axes
 from semcal_cli.formats.node import Node
-from semcal_cli.formats.pose import ANGLES, PLACE, WXYZ, Numbers
+from semcal_cli.formats.pose import ANGLES, PLACE, WXYZ, NumbersNotation
 
 KIT_KEYS = (*PLACE, *ANGLES)
 
@@ -30,7 +30,7 @@ def _kits(document: Node) -> list[Node]:
     ]
 
 
-def _find_in_kit(document: Node, options: FormatOptions) -> Pair:
+def _find_in_kit(document: Node, options: FormatOptions) -> SensorPair:
     """Find the two sensors of the only kit.
 
     `camera0/camera_link` is a camera's body frame, `camera0/camera_optical_link` its optical frame (Autoware
@@ -44,7 +44,7 @@ def _find_in_kit(document: Node, options: FormatOptions) -> Pair:
     camera, lidar = camera_and_lidar(document.where, "sensors", kits[0].mapping, options)
     is_body = options.frame is None and camera.endswith("camera_link")
     axes = T_BODY_OPTICAL if is_body else optical_axes(document.where, camera, options)
-    return Pair(kits[0].at(camera), kits[0].at(lidar), axes)
+    return SensorPair(kits[0].at(camera), kits[0].at(lidar), axes)
 
 
 AUTOWARE = base_format(
@@ -52,7 +52,7 @@ AUTOWARE = base_format(
     "p_base = T p_sensor: sensor_kit_calibration.yaml, x y z roll pitch yaw of each base link",
     lambda source: len(_kits(Node("", source.mapping))) == 1,
     _find_in_kit,
-    Numbers({"": KIT_KEYS}, are_named=True),
+    NumbersNotation({"": KIT_KEYS}, are_named=True),
     base="sensor kit",
     asks=FRAMES,
 )
@@ -73,30 +73,32 @@ def _channels(table: Path) -> dict[Any, Any]:
     }
 
 
-def _record(table: Node, channels: dict[Any, Any], wanted: str | None, option: str) -> Node:
+def _record(table: Node, channels: dict[Any, Any], name: str | None, option: str) -> Node:
     """Find the entry with a token or, where a channel has one entry, with a channel."""
     names = [(row.get("token"), channels.get(str(row.get("sensor_token")))) for row in table.value]
-    found = [index for index, both in enumerate(names) if wanted is not None and wanted in both]
-    if len(found) != 1:
-        known = listed(channel or token for token, channel in names)
-        problem = f"no {wanted!r}" if wanted and not found else f"{len(found) or len(names)} sensors"
+    indices = [index for index, both in enumerate(names) if name is not None and name in both]
+    if len(indices) != 1:
+        choices = listed(channel or token for token, channel in names)
+        problem = f"no {name!r}" if name and not indices else f"{len(indices) or len(names)} sensors"
         # The channels are in another file, and standard input has none next to it.
         key = "token" if Path(table.file) == STANDARD_INPUT else "token or channel"
-        raise InputError(f"{table.where}: found {problem}, needed {option} with the {key} of one of: {known}")
-    return table.child(found[0], table.value[found[0]])
+        raise InputError(
+            f"{table.where}: found {problem}, needed {option} with the {key} of one of: {choices}"
+        )
+    return table.child(indices[0], table.value[indices[0]])
 
 
-def _find_in_table(table: Node, options: FormatOptions) -> Pair:
+def _find_in_table(table: Node, options: FormatOptions) -> SensorPair:
     if not isinstance(table.value, list) or not all(isinstance(row, dict) for row in table.value):
         raise table.mismatch("a list of mappings")
     channels = _channels(Path(table.file))
     camera = _record(table, channels, options.camera, "--camera")
     lidar = _record(table, channels, options.lidar, "--lidar")
-    sensors = {str(each.value.get("sensor_token")) for each in (camera, lidar)}
+    sensors = {str(sensor.value.get("sensor_token")) for sensor in (camera, lidar)}
     if camera.value is lidar.value or (len(sensors) == 1 and sensors <= channels.keys()):
-        found = f"{options.camera!r} and {options.lidar!r}"
-        raise InputError(f"{table.where}: found one sensor as camera and LiDAR, {found}, needed two sensors")
-    return Pair(camera, lidar)
+        names = f"{options.camera!r} and {options.lidar!r}"
+        raise InputError(f"{table.where}: found one sensor as camera and LiDAR, {names}, needed two sensors")
+    return SensorPair(camera, lidar)
 
 
 NUSCENES_KEYS = {"token", "sensor_token", "translation", "rotation"}
@@ -105,7 +107,7 @@ NUSCENES = base_format(
     "p_ego = T p_sensor: calibrated_sensor.json, --camera and --lidar name two entries",
     lambda source: bool(source.records) and all(record.keys() >= NUSCENES_KEYS for record in source.records),
     _find_in_table,
-    Numbers({"rotation": WXYZ, "translation": PLACE}),
+    NumbersNotation({"rotation": WXYZ, "translation": PLACE}),
     base="vehicle",
     asks=("camera", "lidar"),
 )

@@ -47,8 +47,8 @@ def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
 
 def _read(source: Source, camera: str | None, model: str | None) -> CameraBlock:
     for format in all_formats():
-        if format.read_lens is not None and (found := format.read_lens(source, camera, model)) is not None:
-            return found
+        if format.read_lens is not None and (block := format.read_lens(source, camera, model)) is not None:
+            return block
     keys = ", ".join(describe(key) for key in list(source.node.mapping)[:5]) or "none"
     raise InputError(f"{source.path}: found top-level keys {keys}, needed {KNOWN_AS}")
 
@@ -63,7 +63,7 @@ def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]
     distortion, counts = block.get("distortion", []), lenses[model].counts
     if not isinstance(distortion, list) or len(distortion) not in counts:
         is_list = isinstance(distortion, list)
-        found = counted(len(distortion), "coefficient") if is_list else describe(distortion)
+        description = counted(len(distortion), "coefficient") if is_list else describe(distortion)
         needed = " or ".join(map(str, counts))
-        raise InputError(f"{path}: found {found}, needed {needed} for --model {model}")
+        raise InputError(f"{path}: found {description}, needed {needed} for --model {model}")
     return block | {"model": model}

@@ -71,9 +71,9 @@ def ros_intrinsics(document: Node) -> CameraBlock:
         is_long = count in CAMERA_MODELS["thin_prism"].counts[1:]
         return "thin_prism" if is_long and model == "rational_polynomial" else model
 
-    found = matrix_camera(document, model_of)
-    _refuse_parts(document, found.block["width"], found.block["height"])
-    return found
+    camera = matrix_camera(document, model_of)
+    _refuse_parts(document, camera.block["width"], camera.block["height"])
+    return camera
 
 
 def _refuse_parts(document: Node, width: Any, height: Any) -> None:
@@ -84,8 +84,8 @@ def _refuse_parts(document: Node, width: Any, height: Any) -> None:
     for node, values in ((document, allowed), (roi, allowed_roi)):
         for key, needed in values.items():
             if node.mapping.get(key, 0) not in needed:
-                found = node.child(key, node.mapping[key])
-                raise found.mismatch(f"{' or '.join(map(describe, needed))}: K is for the full image")
+                entry = node.child(key, node.mapping[key])
+                raise entry.mismatch(f"{' or '.join(map(describe, needed))}: K is for the full image")
 
 
 def _is_camera_info(source: Source) -> bool:
@@ -126,8 +126,8 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
 
 def _coefficients(camera: Camera) -> list[float]:
     """Distortion coefficients; in ROS, plumb_bob has five."""
-    found = coefficients_of(camera)
-    return [*found, 0.0] if camera.model == "plumb_bob" and len(found) == 4 else found
+    coefficients = coefficients_of(camera)
+    return [*coefficients, 0.0] if camera.model == "plumb_bob" and len(coefficients) == 4 else coefficients
 
 
 def _matrix(rows: int, data: list[float]) -> dict[str, Any]:

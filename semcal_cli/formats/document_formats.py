@@ -13,7 +13,16 @@ from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA
 from semcal_cli.formats.node import Node
-from semcal_cli.formats.pose import PLACE, WXYZ, XYZW, Matrix, Notation, Numbers, checked_pose, transform
+from semcal_cli.formats.pose import (
+    PLACE,
+    WXYZ,
+    XYZW,
+    MatrixNotation,
+    NumbersNotation,
+    PoseNotation,
+    check_transform,
+    transform,
+)
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 
@@ -41,7 +50,7 @@ def entry_format(
     equation: str,
     recognises: Callable[[Source], bool],
     find: Find,
-    notation: Notation,
+    notation: PoseNotation,
     *,
     maps_camera: bool = False,
     make_lens: MakeLens | None = None,
@@ -67,7 +76,7 @@ def entry_format(
     return Format(name, equation, recognises, read, **{"make": make, **others})
 
 
-class Pair(NamedTuple):
+class SensorPair(NamedTuple):
     """The entries of a camera and a LiDAR."""
 
     camera: Node
@@ -80,8 +89,8 @@ def base_format(
     name: str,
     equation: str,
     recognises: Callable[[Source], bool],
-    find: Callable[[Node, FormatOptions], Pair],
-    notation: Notation,
+    find: Callable[[Node, FormatOptions], SensorPair],
+    notation: PoseNotation,
     *,
     base: str,
     asks: tuple[str, ...],
@@ -111,7 +120,7 @@ RELLIS_3D = entry_format(
     f"p_lidar = T p_camera: transforms.yaml, {RELLIS_3D_KEY}",
     lambda source: RELLIS_3D_KEY in source.mapping,
     under(RELLIS_3D_KEY),
-    Numbers({"q": WXYZ, "t": PLACE}, are_named=True),
+    NumbersNotation({"q": WXYZ, "t": PLACE}, are_named=True),
     maps_camera=True,
 )
 
@@ -126,7 +135,7 @@ DIRECT_VISUAL_LIDAR = entry_format(
     "p_lidar = T p_camera: results.T_lidar_camera of calib.json, x y z qx qy qz qw",
     _has_results,
     under("results"),
-    Numbers({"T_lidar_camera": (*PLACE, *XYZW)}),
+    NumbersNotation({"T_lidar_camera": (*PLACE, *XYZW)}),
     maps_camera=True,
     as_json=True,
 )
@@ -143,11 +152,11 @@ def camera_format(
     def find(document: Node, options: FormatOptions) -> Node:
         if options.is_written:
             document.mapping[options.camera or first_camera] = {key: None}
-        found = cameras(document.mapping)
-        camera = options.camera or (found[0] if len(found) == 1 else None)
-        if camera not in found:
+        names = cameras(document.mapping)
+        camera = options.camera or (names[0] if len(names) == 1 else None)
+        if camera not in names:
             raise InputError(
-                f"{document.where}: found {key} of {listed(found)}, needed --camera to name one of them"
+                f"{document.where}: found {key} of {listed(names)}, needed --camera to name one of them"
             )
         return document.at(camera)
 
@@ -156,7 +165,7 @@ def camera_format(
         f"p_camera = T p_lidar: {equation}",
         lambda source: bool(cameras(source.mapping)),
         find,
-        Matrix(key),
+        MatrixNotation(key),
         asks=("camera",),
         make_lens=make_lens,
         **others,
@@ -191,7 +200,7 @@ class _RotationAndPlace:
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
         R = node.at("Rcl")
-        return checked_pose(R.where, transform(R.matrix(3, 3), node.at("Pcl").numbers(3)), options)
+        return check_transform(R.where, transform(R.matrix(3, 3), node.at("Pcl").numbers(3)), options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
         entry["Rcl"], entry["Pcl"] = T[:3, :3].ravel().tolist(), T[:3, 3].tolist()
@@ -206,28 +215,28 @@ FAST_LIVO2 = entry_format(
 )
 
 ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"
-COLMAP_POSE = Numbers({ROTATION: WXYZ, TRANSLATION: PLACE})
+COLMAP_POSE = NumbersNotation({ROTATION: WXYZ, TRANSLATION: PLACE})
 
 
 def _rig_cameras(rigs: Node) -> list[Node]:
     """Cameras of all rigs that have a pose in their rig."""
-    found = []
+    entries = []
     for index, rig in enumerate(rigs.value if isinstance(rigs.value, list) else []):
         cameras = rig.get("cameras") if isinstance(rig, dict) else None
         for number, camera in enumerate(cameras if isinstance(cameras, list) else []):
             if isinstance(camera, dict) and ROTATION in camera:
-                found.append(rigs.child(index, rig).child("cameras", cameras).child(number, camera))
-    return found
+                entries.append(rigs.child(index, rig).child("cameras", cameras).child(number, camera))
+    return entries
 
 
 def _find_rig_camera(document: Node, options: FormatOptions) -> Node:
     cameras = _rig_cameras(document)
-    found = [camera for camera in cameras if options.camera in (None, camera.value.get(NAME))]
-    if len(found) != 1:
-        known = listed(camera.value.get(NAME) for camera in cameras)
+    matches = [camera for camera in cameras if options.camera in (None, camera.value.get(NAME))]
+    if len(matches) != 1:
+        names = listed(camera.value.get(NAME) for camera in cameras)
         needed = f"needed --camera with the {NAME} of one of them"
-        raise InputError(f"{document.where}: found cameras {known}, {needed}")
-    return found[0]
+        raise InputError(f"{document.where}: found cameras {names}, {needed}")
+    return matches[0]
 
 
 def _make_rig(T_camera_lidar: Pose, options: FormatOptions) -> bytes:

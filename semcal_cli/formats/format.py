@@ -9,8 +9,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, NamedTuple, get_args
 
+from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, parse_any
@@ -18,11 +19,6 @@ from semcal_cli.files.input_files import read_bytes
 from semcal_cli.files.output_files import STANDARD_INPUT, read_standard_input
 from semcal_cli.formats.node import Node
 from semcal_cli.geometry.arrays import Pose
-
-Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
-"""Direction of a matrix: p_camera = T p_lidar, or p_lidar = T p_camera."""
-CameraFrame: TypeAlias = Literal["optical", "body"]
-"""Axes of a camera frame. Optical: x right, y down, z forward. Body: x forward, y left, z up (ROS REP 103)."""
 
 
 @dataclass(frozen=True)
@@ -139,8 +135,12 @@ class Source:
     @cached_property
     def records(self) -> list[dict[Any, Any]]:
         """The document if it is a list of mappings, else an empty list, for recognising formats."""
-        found = self._readable
-        return found if isinstance(found, list) and all(isinstance(item, dict) for item in found) else []
+        document = self._readable
+        return (
+            document
+            if isinstance(document, list) and all(isinstance(item, dict) for item in document)
+            else []
+        )
 
     @cached_property
     def start(self) -> str:
@@ -156,8 +156,8 @@ class Source:
         Raises:
             InputError: the content is not well-formed, or declares entities or a document type.
         """
-        if found := DECLARATION.search(self.text):
-            raise InputError(f"{self.path}: found <!{found.group(1)}, needed XML without declarations")
+        if declaration := DECLARATION.search(self.text):
+            raise InputError(f"{self.path}: found <!{declaration.group(1)}, needed XML without declarations")
         try:
             return ET.fromstring(self.text.lstrip())
         except ET.ParseError as error:
@@ -218,8 +218,8 @@ class Format:
         """
         if self.make is None:
             raise InputError(f"found format {self.name}, which is only read, needed one that is written")
-        made = self.make(T_camera_lidar, replace(options, is_written=True))
-        if isinstance(made, bytes):
-            return made
+        content = self.make(T_camera_lidar, replace(options, is_written=True))
+        if isinstance(content, bytes):
+            return content
         is_json = self.as_json or (options.file is not None and options.file.suffix.lower() == ".json")
-        return document_text(made, "json" if is_json else "yaml").encode()
+        return document_text(content, "json" if is_json else "yaml").encode()

@@ -26,7 +26,7 @@ from semcal_cli.formats import (
 from semcal_cli.formats.format import Format
 from semcal_cli.plugins import Plugins
 
-Given = ParamSpec("Given")
+Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned")
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,
@@ -60,7 +60,7 @@ PLUGINS = Plugins("semcal.formats", (format.name for format in FORMATS))
 
 def plugin_formats() -> list[Format]:
     """Load the formats of plugins, by the names of their entry points."""
-    return [_guarded(name, format) for name, format in PLUGINS.all(Format).items()]
+    return [_guard(name, format) for name, format in PLUGINS.all(Format).items()]
 
 
 def all_formats() -> Iterator[Format]:
@@ -79,37 +79,37 @@ def find_format(name: str) -> Format:
         if format.name == name:
             return format
     if (plugin := PLUGINS.get(name, Format)) is not None:
-        return _guarded(name, plugin)
-    known = [*(format.name for format in FORMATS), *PLUGINS.names]
-    raise InputError(f"found format {name!r}, needed {one_of(name, known)}")
+        return _guard(name, plugin)
+    names = [*(format.name for format in FORMATS), *PLUGINS.names]
+    raise InputError(f"found format {name!r}, needed {one_of(name, names)}")
 
 
-def _guarded(name: str, format: Format) -> Format:
-    """Give a plugin's format the name of its entry point, and name the plugin in the errors of its functions."""
+def _guard(name: str, format: Format) -> Format:
+    """Name a plugin's format after its entry point, and name the plugin in the errors of its functions."""
     make, read_lens = format.make, format.read_lens
     return replace(
         format,
         name=name,
         equation=str(format.equation),
-        recognises=PLUGINS.guarded(name, format.recognises),
-        read=PLUGINS.guarded(name, _returning("read", np.ndarray, format.read)),
-        make=None if make is None else PLUGINS.guarded(name, _returning("make", bytes | dict, make)),
+        recognises=PLUGINS.guard(name, format.recognises),
+        read=PLUGINS.guard(name, _check_returned("read", np.ndarray, format.read)),
+        make=None if make is None else PLUGINS.guard(name, _check_returned("make", bytes | dict, make)),
         read_lens=None
         if read_lens is None
-        else PLUGINS.guarded(name, _returning("read_lens", tuple | None, read_lens)),
+        else PLUGINS.guard(name, _check_returned("read_lens", tuple | None, read_lens)),
     )
 
 
-def _returning(
-    field: str, kind: type | UnionType, function: Callable[Given, Returned]
-) -> Callable[Given, Returned]:
+def _check_returned(
+    field: str, kind: type | UnionType, function: Callable[Arguments, Returned]
+) -> Callable[Arguments, Returned]:
     """Check what a function of a plugin returns."""
 
     @wraps(function)
-    def call(*arguments: Given.args, **named: Given.kwargs) -> Returned:
-        if not isinstance(found := function(*arguments, **named), kind):
+    def call(*arguments: Arguments.args, **keywords: Arguments.kwargs) -> Returned:
+        if not isinstance(result := function(*arguments, **keywords), kind):
             needed = getattr(kind, "__name__", kind)
-            raise TypeError(f"{field}: found {describe(found)}, needed {needed}")
-        return found
+            raise TypeError(f"{field}: found {describe(result)}, needed {needed}")
+        return result
 
     return call

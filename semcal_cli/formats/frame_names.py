@@ -58,20 +58,20 @@ def camera_and_lidar(
         cameras = optical
     lidars = [name for name in names if has_word(name, LIDAR_WORDS) and name != options.camera]
     chosen = []
-    for side, wanted, found, other_words, needed in (
+    for side, name, candidates, other_words, needed in (
         ("camera", options.camera, cameras, LIDAR_WORDS, "one of them"),
         ("lidar", options.lidar, lidars, CAMERA_WORDS, "the LiDAR's own"),
     ):
-        if wanted is None and len(found) == 1 and not has_word(found[0], other_words):
-            wanted = found[0]
-        if wanted is None or wanted not in names:
+        if name is None and len(candidates) == 1 and not has_word(candidates[0], other_words):
+            name = candidates[0]
+        if name is None or name not in names:
             raise InputError(f"{where}: found {kind} {listed(names)}, needed --{side} to name {needed}")
-        chosen.append(wanted)
+        chosen.append(name)
     camera, lidar = chosen
     return camera, lidar
 
 
-def turned(where: str, T: Pose, options: FormatOptions) -> Pose:
+def apply_direction(where: str, T: Pose, options: FormatOptions) -> Pose:
     """Apply the user's direction to a transform whose file does not state one: T_camera_lidar, or its inverse.
 
     Raises:
@@ -83,7 +83,7 @@ def turned(where: str, T: Pose, options: FormatOptions) -> Pose:
     return T if options.direction == "lidar-to-camera" else inverse(T)
 
 
-def between(where: str, T_parent_child: Pose, parent: str, child: str, options: FormatOptions) -> Pose:
+def from_frames(where: str, T_parent_child: Pose, parent: str, child: str, options: FormatOptions) -> Pose:
     """Convert a transform between two named frames, p_parent = T p_child, to T_camera_lidar.
 
     Raises:
@@ -107,7 +107,7 @@ def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
     return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
 
 
-def named(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
+def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
     """T_lidar_frame (4, 4) of the camera frame to write, and the names of the LiDAR frame and the camera frame."""
     for name in filter(None, (options.lidar, options.camera)):
         if not name.isprintable():

@@ -39,13 +39,13 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
     if not chain:
         return None
     entry = Node(str(source.path), chain[pick("camera", camera, list(chain), source.path)])
-    kind = _known(entry.at("camera_model"), LENSES)
-    lens = "none" if kind == "ds" else _known(entry.at("distortion_model"), LENSES[kind])
-    found = LENSES[kind][lens]
+    kind = _check_name(entry.at("camera_model"), LENSES)
+    lens = "none" if kind == "ds" else _check_name(entry.at("distortion_model"), LENSES[kind])
+    camera_model = LENSES[kind][lens]
     width, height = (entry.child("resolution", side).side() for side in entry.at("resolution").numbers(2))
-    parameters = tuple(CAMERA_MODELS[found].parameters)
+    parameters = tuple(CAMERA_MODELS[camera_model].parameters)
     intrinsics = entry.at("intrinsics").numbers(len(parameters) + 4)
-    block: dict[str, Any] = {"width": width, "height": height, "model": found}
+    block: dict[str, Any] = {"width": width, "height": height, "model": camera_model}
     block["K"] = intrinsic_matrix(*intrinsics[len(parameters) :])
     if lens != "none":
         block["distortion"] = entry.at("distortion_coeffs").value
@@ -56,9 +56,9 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
     return CameraBlock(block, KEYS)
 
 
-def _known(name: Node, known: dict[str, Any]) -> str:
-    if str(name.value) not in known:
-        raise name.mismatch(f"one of: {', '.join(known)}")
+def _check_name(name: Node, names: dict[str, Any]) -> str:
+    if str(name.value) not in names:
+        raise name.mismatch(f"one of: {', '.join(names)}")
     return str(name.value)
 
 

@@ -35,7 +35,7 @@ class _Twice:
         return "several lines"
 
 
-def keyed(path: Path, text: str) -> Node:
+def parse_keyed(path: Path, text: str) -> Node:
     """Read the lines of a file as a document: the numbers under each key, or text where not all are numbers."""
     values: dict[str, object] = {}
     for key, colon, line in (line.partition(":") for line in text.splitlines()):
@@ -51,7 +51,7 @@ def read_keyed(path: Path) -> Node:
     Raises:
         InputError: the file is missing or is not text.
     """
-    return keyed(path, read_text(path))
+    return parse_keyed(path, read_text(path))
 
 
 def _numbers(line: str) -> list[float] | str:
@@ -62,7 +62,7 @@ def _numbers(line: str) -> list[float] | str:
 
 
 def _keys(source: Source) -> set[str]:
-    return set(keyed(source.path, source.start).value)
+    return set(parse_keyed(source.path, source.start).value)
 
 
 def _row(values: npt.NDArray[np.float64]) -> str:
@@ -136,7 +136,7 @@ def _read_raw(source: Source, options: FormatOptions) -> Pose:
                 f"{source.path}: found a stream, needed a file with {RAW_CAMERAS_FILE} next to it for --camera"
             )
         cameras = read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
-    return raw_pose(keyed(source.path, source.text), cameras, options.camera, options)
+    return raw_pose(parse_keyed(source.path, source.text), cameras, options.camera, options)
 
 
 def _make_raw(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
@@ -144,9 +144,9 @@ def _make_raw(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     return f"R: {_row(T_camera_lidar[:3, :3])}\nT: {_row(T_camera_lidar[:3, 3])}\n".encode()
 
 
-def _check_camera(camera: str, known: tuple[str, ...]) -> None:
-    if camera not in known:
-        raise InputError(f"--camera: found {camera!r}, needed one of: {', '.join(known)}")
+def _check_camera(camera: str, cameras: tuple[str, ...]) -> None:
+    if camera not in cameras:
+        raise InputError(f"--camera: found {camera!r}, needed one of: {', '.join(cameras)}")
 
 
 def _check_no_camera(options: FormatOptions) -> None:
@@ -157,7 +157,7 @@ def _check_no_camera(options: FormatOptions) -> None:
 
 def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
     def read(source: Source, options: FormatOptions) -> Pose:
-        lines = keyed(source.path, source.text)
+        lines = parse_keyed(source.path, source.text)
         T = camera0_pose(lines, key, options)
         if options.camera is None:
             return T
@@ -194,6 +194,6 @@ OPENCALIB = Format(
     "opencalib",
     "p_camera = T p_lidar: T of calib.txt",
     lambda source: {"T"} <= _keys(source) <= {"K", "D", "T"},
-    lambda source, options: from_line(keyed(source.path, source.text).at("T"), options),
+    lambda source, options: from_line(parse_keyed(source.path, source.text).at("T"), options),
     lambda T_camera_lidar, options: f"T: {_row(T_camera_lidar[:3])}\n".encode(),
 )

@@ -16,7 +16,7 @@ NAMES = {
     "height": ("image_height", "height"),
 }
 """Names of the keys of a camera block in files of ROS and OpenCV; the first one found counts."""
-LEAST_COUNTS: dict[CameraModel, int] = {
+MIN_COUNTS: dict[CameraModel, int] = {
     "plumb_bob": 5,
     "rational_polynomial": 8,
     "thin_prism": 12,
@@ -78,18 +78,18 @@ def numbers_of(camera: Camera) -> list[float]:
 
 def coefficients_of(camera: Camera) -> list[float]:
     """Distortion coefficients in OpenCV's order; zeros for a lens without distortion."""
-    return list(camera.distortion) or [0.0] * LEAST_COUNTS[camera.model]
+    return list(camera.distortion) or [0.0] * MIN_COUNTS[camera.model]
 
 
 class UnnamedLensError(InputError):
     """A format has no name for a lens, or cannot hold all of its coefficients."""
 
 
-def check_lens(where: str, camera: Camera, known: Mapping[CameraModel, object]) -> None:
+def check_lens(where: str, camera: Camera, models: Mapping[CameraModel, object]) -> None:
     """Check that a format has a name for a lens.
 
     Raises:
         UnnamedLensError: it has none.
     """
-    if camera.model not in known:
-        raise UnnamedLensError(f"{where}: found the lens {camera.model}, needed one of: {', '.join(known)}")
+    if camera.model not in models:
+        raise UnnamedLensError(f"{where}: found the lens {camera.model}, needed one of: {', '.join(models)}")

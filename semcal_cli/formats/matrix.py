@@ -13,7 +13,7 @@ import numpy as np
 
 from semcal_cli.errors import InputError, counted
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.formats.frame_names import turned
+from semcal_cli.formats.frame_names import apply_direction
 from semcal_cli.formats.kitti_files import KITTI_360_FILE
 from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import PLACE, XYZW, from_rows, numbers_of, pose_of
@@ -25,7 +25,7 @@ TUM_NUMBERS = (*PLACE, *XYZW)
 SEPARATORS = re.compile(r"[,;\[\]()]")
 
 
-def directed(
+def directed_format(
     name: str,
     equation: str,
     recognises: Callable[[Source], bool],
@@ -38,8 +38,10 @@ def directed(
         name,
         f"either direction, set by --direction: {equation}",
         recognises,
-        lambda source, options: turned(str(source.path), read(source, options), options),
-        lambda T_camera_lidar, options: make(turned(f"--to {name}", T_camera_lidar, options), options),
+        lambda source, options: apply_direction(str(source.path), read(source, options), options),
+        lambda T_camera_lidar, options: make(
+            apply_direction(f"--to {name}", T_camera_lidar, options), options
+        ),
         asks=("direction",),
         **others,
     )
@@ -55,8 +57,8 @@ def _read_array(source: Source, options: FormatOptions) -> Pose:
     except Exception:  # NumPy parses the header as Python, which can fail in many ways.
         raise InputError(f"{source.path}: found a damaged NumPy array, needed an intact one") from None
     if not isinstance(array, np.ndarray) or array.shape not in SHAPES or array.dtype.kind not in "fiu":
-        found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "several arrays"
-        raise InputError(f"{source.path}: found {found}, needed numbers of shape (4, 4) or (3, 4)")
+        description = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "several arrays"
+        raise InputError(f"{source.path}: found {description}, needed numbers of shape (4, 4) or (3, 4)")
     if not np.isfinite(array).all():
         raise InputError(f"{source.path}: found a number that is not finite, needed a transform")
     return from_rows(str(source.path), array.astype(np.float64), options)
@@ -108,21 +110,21 @@ def _make_tum(T: Pose, options: FormatOptions) -> bytes:
     return f"0.0 {' '.join(repr(values[name]) for name in TUM_NUMBERS)}\n".encode()
 
 
-ARRAY = directed(
+ARRAY = directed_format(
     "npy",
     "a NumPy array, 4 x 4 or 3 x 4",
     lambda source: source.content.startswith(NPY),
     _read_array,
     _make_array,
 )
-TEXT = directed(
+TEXT = directed_format(
     "text",
     "4 x 4 or 3 x 4 numbers",
     lambda source: source.path.name != KITTI_360_FILE and sum(_counts(source)) in (12, 16),
     _read_text,
     _make_text,
 )
-TUM = directed(
+TUM = directed_format(
     "tum",
     "a line, stamp x y z qx qy qz qw",
     lambda source: _counts(source) == [8],

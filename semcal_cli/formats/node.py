@@ -67,10 +67,10 @@ class Node:
 
     def at(self, key: Any) -> Node:
         """Look up a key."""
-        found = self.child(key, self.mapping.get(key))
-        if found.value is None:
-            raise found.mismatch("a value")
-        return found
+        node = self.child(key, self.mapping.get(key))
+        if node.value is None:
+            raise node.mismatch("a value")
+        return node
 
     def first(self, names: Sequence[str]) -> Node:
         """Look up a value under the first of several names that is present; the value may be null."""
@@ -103,9 +103,9 @@ class Node:
 
     def data(self) -> list[Any]:
         """Look up the finite numbers of a matrix, unconverted: under its key `data`, or as the value itself."""
-        found = Node(self.file, self.value.get("data"), self.key) if isinstance(self.value, dict) else self
-        found.numbers()
-        values: list[Any] = found.value
+        node = Node(self.file, self.value.get("data"), self.key) if isinstance(self.value, dict) else self
+        node.numbers()
+        values: list[Any] = node.value
         return values
 
     def matrix(self, rows: int, columns: int) -> npt.NDArray[np.float64]:
@@ -118,14 +118,14 @@ def number(where: str, value: object, low: float = -math.inf, high: float = math
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{where}: found {describe(value)}, needed a number")
     try:
-        found = float(value)
+        result = float(value)
     except OverflowError:
-        found = math.inf
-    if not math.isfinite(found):
+        result = math.inf
+    if not math.isfinite(result):
         raise InputError(f"{where}: found {describe(value)}, needed a finite number")
-    if not low <= found <= high:
+    if not low <= result <= high:
         raise InputError(f"{where}: found {describe(value)}, needed at least {low:g} and at most {high:g}")
-    return found
+    return result
 
 
 def image_side(where: str, value: object) -> int:
@@ -154,26 +154,26 @@ def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
 
 
 def pick(
-    kind: str, wanted: str | None, known: Sequence[str], where: object, *, usual: str | None = None
+    kind: str, name: str | None, names: Sequence[str], where: object, *, usual: str | None = None
 ) -> str:
-    """Choose a sequence, a camera or the like: the wanted one, or else the usual one, or else the only one.
+    """Choose a sequence, a camera or the like: the named one, or else the usual one, or else the only one.
 
     Args:
         kind: What is chosen, for messages.
-        wanted: The name that the user gives, if any.
-        known: All names.
+        name: The name that the user gives, if any.
+        names: All names.
         where: The file or folder, for messages.
         usual: Default name.
     """
-    choice = usual if wanted is None else wanted
-    if not known:
+    choice = usual if name is None else name
+    if not names:
         raise InputError(f"{where}: found no {kind}, needed {usual or 'one'}")
-    if choice in known:
+    if choice in names:
         return str(choice)
-    if choice is None and len(known) == 1:
-        return known[0]
-    found = "none given" + (f", and no {usual}" if usual else "") if wanted is None else f"found {wanted!r}"
-    raise InputError(f"{where}: {kind}: {found}, needed {one_of(choice or '', known)}")
+    if choice is None and len(names) == 1:
+        return names[0]
+    problem = "none given" + (f", and no {usual}" if usual else "") if name is None else f"found {name!r}"
+    raise InputError(f"{where}: {kind}: {problem}, needed {one_of(choice or '', names)}")
 
 
 def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
@@ -187,8 +187,8 @@ def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str
     try:
         validate(Camera, block, Path("camera"))
     except InputError as error:
-        found = re.fullmatch(r"camera: (\w+)(.*)", str(error), re.DOTALL)
-        key, complaint = found.groups() if found else ("camera", f": {error}")
+        match = re.fullmatch(r"camera: (\w+)(.*)", str(error), re.DOTALL)
+        key, complaint = match.groups() if match else ("camera", f": {error}")
         raise InputError(f"{path}: {keys.get(key, key)}{complaint}") from None
     return block
 

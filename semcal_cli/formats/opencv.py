@@ -21,7 +21,7 @@ from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.files.documents import parse_document
 from semcal_cli.formats.format import CameraBlock, FormatOptions, Source
 from semcal_cli.formats.lenses import (
-    LEAST_COUNTS,
+    MIN_COUNTS,
     NAMES,
     check_lens,
     coefficients_of,
@@ -30,7 +30,7 @@ from semcal_cli.formats.lenses import (
     numbers_of,
     refuse_camera,
 )
-from semcal_cli.formats.matrix import directed
+from semcal_cli.formats.matrix import directed_format
 from semcal_cli.formats.node import NUMBER, Node
 from semcal_cli.formats.pose import from_rows
 from semcal_cli.geometry.arrays import Pose
@@ -80,12 +80,12 @@ def _value(element: ET.Element) -> Any:
     if len(element):
         if all(child.tag == "_" for child in element):
             return [_value(child) for child in element]
-        found: dict[str, Any] = {}
+        mapping: dict[str, Any] = {}
         for child in element:
-            if child.tag in found:
+            if child.tag in mapping:
                 raise ValueError(f"key {describe(child.tag)} is given twice")
-            found[child.tag] = _value(child)
-        return found
+            mapping[child.tag] = _value(child)
+        return mapping
     text = (element.text or "").strip()
     words = text.split()
     if not words or not all(NUMBER.fullmatch(word) for word in words):
@@ -106,7 +106,7 @@ def _read(source: Source, options: FormatOptions) -> Pose:
 def _make(T: Pose, options: FormatOptions) -> bytes:
     lines = ["%YAML:1.0", "---", _matrix(KEY, 4, T.ravel().tolist())]
     if (camera := options.intrinsics) is not None:
-        check_lens("--to opencv", camera, LEAST_COUNTS)
+        check_lens("--to opencv", camera, MIN_COUNTS)
         coefficients = coefficients_of(camera)
         lines += [
             f"image_width: {camera.width}",
@@ -147,8 +147,8 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
             if storage.at("fisheye_model").number():
                 return "fisheye"
         elif count == 4:
-            found = "found 4 coefficients and no fisheye_model"
-            raise InputError(f"{storage.where}: {found}, needed --model, such as plumb_bob or fisheye")
+            problem = "found 4 coefficients and no fisheye_model"
+            raise InputError(f"{storage.where}: {problem}, needed --model, such as plumb_bob or fisheye")
         if count not in MODELS:
             counts = ", ".join(map(str, MODELS))
             raise InputError(f"{distortion.where}: found {counted(count, 'number')}, needed one of: {counts}")
@@ -166,7 +166,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
     return CameraBlock(block, keys)
 
 
-FORMAT = directed(
+FORMAT = directed_format(
     "opencv",
     f"{KEY} of a FileStorage",
     lambda source: KEY in source.start and is_storage(source.start),

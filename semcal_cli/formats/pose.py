@@ -19,11 +19,11 @@ from semcal_cli.geometry.poses import nearest_rigid, pose_from_quaternion, quate
 PLACE, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 XYZW, WXYZ = ("qx", "qy", "qz", "qw"), ("qw", "qx", "qy", "qz")
 ROUNDING = 1e-6
-LEAST_SCALE = 1e-3
+MIN_SCALE = 1e-3
 """Minimum ratio of the singular values of a matrix that is repaired; below it, no rotation is near."""
 
 
-class Notation(Protocol):
+class PoseNotation(Protocol):
     """How the entry of a document holds a pose."""
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
@@ -34,20 +34,20 @@ class Notation(Protocol):
 
 
 @dataclass(frozen=True)
-class Matrix:
+class MatrixNotation:
     """A pose as a matrix of 3 or 4 rows, or as a list of their numbers."""
 
     key: str
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
         """Read the pose (4, 4)."""
-        found = node.at(self.key)
-        if is_flat(found.value):
-            return from_rows(found.where, found.numbers(), options)
-        if not isinstance(found.value, list) or len(found.value) not in (3, 4):
-            raise found.mismatch("4 rows of 4 numbers")
-        rows = [found.child(index, row).numbers(4) for index, row in enumerate(found.value)]
-        return from_rows(found.where, rows, options)
+        entry = node.at(self.key)
+        if is_flat(entry.value):
+            return from_rows(entry.where, entry.numbers(), options)
+        if not isinstance(entry.value, list) or len(entry.value) not in (3, 4):
+            raise entry.mismatch("4 rows of 4 numbers")
+        rows = [entry.child(index, row).numbers(4) for index, row in enumerate(entry.value)]
+        return from_rows(entry.where, rows, options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
         """Replace the matrix, in its own layout: one list or rows, with or without the last row."""
@@ -64,7 +64,7 @@ def is_flat(rows: object) -> TypeGuard[list[object]]:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class NumbersNotation:
     """A pose as the numbers of `PLACE`, and of `XYZW` or `ANGLES`."""
 
     parts: Mapping[str, tuple[str, ...]]
@@ -156,7 +156,7 @@ def rotation(node: Node, options: FormatOptions | None = None) -> Pose:
     Raises:
         InputError: the numbers are not a rotation.
     """
-    return checked_pose(node.where, transform(node.matrix(3, 3)), options)
+    return check_transform(node.where, transform(node.matrix(3, 3)), options)
 
 
 def from_rows(
@@ -172,10 +172,12 @@ def from_rows(
     """
     rows = np.array(values, np.float64).reshape(-1, 4)
     last = rows[3:] if len(rows) == 4 else [[0.0, 0.0, 0.0, 1.0]]
-    return checked_pose(where, np.vstack([rows[:3], last]), options, farthest_m)
+    return check_transform(where, np.vstack([rows[:3], last]), options, farthest_m)
 
 
-def checked_pose(where: str, T: Pose, options: FormatOptions | None, farthest_m: float = MAX_MOUNT_M) -> Pose:
+def check_transform(
+    where: str, T: Pose, options: FormatOptions | None, farthest_m: float = MAX_MOUNT_M
+) -> Pose:
     """Check a transform that a file states, and remove its rounding; if repairs are allowed, use the nearest rotation.
 
     Raises:
@@ -185,7 +187,7 @@ def checked_pose(where: str, T: Pose, options: FormatOptions | None, farthest_m:
     if options is not None and options.on_repair is not None and np.isfinite(T).all():
         _, scales, _ = np.linalg.svd(T[:3, :3])
         nearest = nearest_rigid(T)
-        is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > LEAST_SCALE * scales[0]
+        is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > MIN_SCALE * scales[0]
         if is_rotation and np.abs(scales - 1.0).max() > ROUNDING:
             options.on_repair(
                 f"{where}: found a matrix that is not a rotation (determinant {np.prod(scales):.4g}, singular values "

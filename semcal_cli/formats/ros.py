@@ -17,9 +17,9 @@ from xml.sax.saxutils import quoteattr
 
 from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
-from semcal_cli.formats.frame_names import CAMERA_WORDS, between, has_word, named
+from semcal_cli.formats.frame_names import CAMERA_WORDS, from_frames, has_word, name_frames
 from semcal_cli.formats.node import NUMBER, Node, parse_number
-from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, Numbers, numbers_of, pose_of
+from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, NumbersNotation, numbers_of, pose_of
 from semcal_cli.geometry.arrays import Pose
 
 PUBLISHER = "static_transform_publisher"
@@ -36,7 +36,7 @@ def _read_command(source: Source, options: FormatOptions) -> Pose:
 
 
 def _read_launch(source: Source, options: FormatOptions) -> Pose:
-    nodes = [each for each in source.xml.iter("node") if PUBLISHER in (each.get("exec"), each.get("type"))]
+    nodes = [node for node in source.xml.iter("node") if PUBLISHER in (node.get("exec"), node.get("type"))]
     where = f"{source.path}: {PUBLISHER}"
     return _one_of(where, [_words(where, node.get("args", "")) for node in nodes], options)
 
@@ -45,18 +45,18 @@ def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> 
     """The transform of the only publisher, or of the only one between the requested frames."""
     if not publishers:
         raise InputError(f"{where}: found no {PUBLISHER}, needed one")
-    wanted = {name for name in (options.camera, options.lidar) if name is not None}
-    candidates = [words for words in publishers if wanted <= set(_frames(words))]
-    if not wanted and len(publishers) > 1:
+    frame_names = {name for name in (options.camera, options.lidar) if name is not None}
+    candidates = [words for words in publishers if frame_names <= set(_frames(words))]
+    if not frame_names and len(publishers) > 1:
         candidates = [
             words for words in publishers if any(has_word(name, CAMERA_WORDS) for name in _frames(words))
         ]
     if len(publishers) == 1:
         candidates = publishers
     if len(candidates) != 1:
-        found = listed(" to ".join(_frames(words)) for words in publishers)
+        frames = listed(" to ".join(_frames(words)) for words in publishers)
         raise InputError(
-            f"{where}: found transforms {found}, needed --camera and --lidar to name the two frames of one of them"
+            f"{where}: found transforms {frames}, needed --camera and --lidar to name the two frames of one of them"
         )
     return _transform(where, candidates[0], options)
 
@@ -70,23 +70,23 @@ def _words(where: str, text: str) -> list[str]:
 
 def _frames(words: list[str]) -> list[str]:
     """Parent and child frame, if they are given."""
-    given = dict(zip(words[::2], words[1::2], strict=False))
-    if "--frame-id" in given:
-        return [given["--frame-id"], given.get("--child-frame-id", "")]
+    arguments = dict(zip(words[::2], words[1::2], strict=False))
+    if "--frame-id" in arguments:
+        return [arguments["--frame-id"], arguments.get("--child-frame-id", "")]
     return [word for word in words if not NUMBER.fullmatch(word)][:2]
 
 
 def _transform(where: str, words: list[str], options: FormatOptions) -> Pose:
-    given = _in_order(where, words) if words and NUMBER.fullmatch(words[0]) else _by_name(where, words)
-    parent, child = (given.pop(name) for name in FRAME_NAMES)
-    turn = ANGLES if any(name in given for name in ANGLES) else XYZW
-    if turn is ANGLES and any(name in given for name in XYZW):
+    arguments = _in_order(where, words) if words and NUMBER.fullmatch(words[0]) else _by_name(where, words)
+    parent, child = (arguments.pop(name) for name in FRAME_NAMES)
+    turn = ANGLES if any(name in arguments for name in ANGLES) else XYZW
+    if turn is ANGLES and any(name in arguments for name in XYZW):
         raise InputError(f"{where}: found a quaternion and angles, needed one of them")
     values = {
-        name: parse_number(f"{where}: --{name}", given[name]) if name in given else USUAL[name]
+        name: parse_number(f"{where}: --{name}", arguments[name]) if name in arguments else USUAL[name]
         for name in (*PLACE, *turn)
     }
-    return between(where, pose_of(where, values, options), parent, child, options)
+    return from_frames(where, pose_of(where, values, options), parent, child, options)
 
 
 def _in_order(where: str, words: list[str]) -> dict[str, str]:
@@ -100,24 +100,24 @@ def _in_order(where: str, words: list[str]) -> dict[str, str]:
 
 def _by_name(where: str, words: list[str]) -> dict[str, str]:
     """Read the named arguments."""
-    given: dict[str, str] = {}
+    arguments: dict[str, str] = {}
     for name, value in zip(words[::2], words[1::2], strict=False):
         if name == "--ros-args":
             break
-        if name.removeprefix("--") in given:
+        if name.removeprefix("--") in arguments:
             raise InputError(f"{where}: {name}: found two values, needed one")
-        given[name.removeprefix("--")] = value
-    known = {*USUAL, *FRAME_NAMES}
-    if unknown := [name for name in given if name not in known]:
-        needed = f"needed some of: {', '.join(sorted(known))}"
+        arguments[name.removeprefix("--")] = value
+    names = {*USUAL, *FRAME_NAMES}
+    if unknown := [name for name in arguments if name not in names]:
+        needed = f"needed some of: {', '.join(sorted(names))}"
         raise InputError(f"{where}: found argument {unknown[0]!r}, {needed}")
-    if missing := [name for name in FRAME_NAMES if name not in given]:
+    if missing := [name for name in FRAME_NAMES if name not in arguments]:
         raise InputError(f"{where}: found no --{missing[0]}, needed one")
-    return given
+    return arguments
 
 
 def _arguments(T_camera_lidar: Pose, options: FormatOptions) -> str:
-    T, lidar, camera = named(T_camera_lidar, options)
+    T, lidar, camera = name_frames(T_camera_lidar, options)
     values = numbers_of(T)
     arguments = [f"--{name} {values[name]}" for name in (*PLACE, *XYZW)]
     return " ".join([*arguments, f"--frame-id {shlex.quote(lidar)} --child-frame-id {shlex.quote(camera)}"])
@@ -150,7 +150,7 @@ LAUNCH = Format(
     asks=FRAMES,
 )
 
-STAMPED_POSE = Numbers({"translation": PLACE, "rotation": XYZW}, are_named=True)
+STAMPED_POSE = NumbersNotation({"translation": PLACE, "rotation": XYZW}, are_named=True)
 
 
 def _stamped_frames(document: Node) -> tuple[str, str]:
@@ -161,7 +161,7 @@ def _stamped_frames(document: Node) -> tuple[str, str]:
 def _read_stamped(source: Source, options: FormatOptions) -> Pose:
     document = source.node
     T_parent_child = STAMPED_POSE.read(document.at("transform"), options)
-    return between(document.where, T_parent_child, *_stamped_frames(document), options)
+    return from_frames(document.where, T_parent_child, *_stamped_frames(document), options)
 
 
 def _read_apollo(source: Source, options: FormatOptions) -> Pose:
@@ -171,7 +171,7 @@ def _read_apollo(source: Source, options: FormatOptions) -> Pose:
 
 
 def _make_stamped(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
-    T, lidar, camera = named(T_camera_lidar, options)
+    T, lidar, camera = name_frames(T_camera_lidar, options)
     transform: dict[str, Any] = {}
     STAMPED_POSE.put(transform, T)
     return {"header": {"frame_id": lidar}, "child_frame_id": camera, "transform": transform}

@@ -16,9 +16,9 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import MisplacedError
 from semcal_cli.files.validation import (
+    RigidTransform,
     StatedTransform,
     StrictModel,
-    Transform,
     Vector3,
     Vector4,
     Version,
@@ -37,7 +37,7 @@ FLEET = "semcal_fleet"
 
 class _Transform(StrictModel):
     semcal_transform: Version = 1
-    T_camera_lidar: Transform
+    T_camera_lidar: RigidTransform
 
 
 class _Part(StrictModel):
@@ -90,14 +90,14 @@ class Extrinsic:
     @cached_property
     def half_widths(self) -> tuple[float, ...] | None:
         """Half widths (6,) of the 95 % intervals, metres and degrees; None if they are unknown or not believed."""
-        known: Uncertainty | _Widths | None = None
+        uncertainty: Uncertainty | _Widths | None = None
         if FLEET in self.source.mapping:
-            known = validate(_Fleet, self.source.document, self.source.path).uncertainty
+            uncertainty = validate(_Fleet, self.source.document, self.source.path).uncertainty
         elif self.record is not None:
-            known = self.record.believed_uncertainty
-        if known is None:
+            uncertainty = self.record.believed_uncertainty
+        if uncertainty is None:
             return None
-        return (*known.half_width_95_camera_center_m, *known.half_width_95_rotation_deg)
+        return (*uncertainty.half_width_95_camera_center_m, *uncertainty.half_width_95_rotation_deg)
 
     @cached_property
     def camera(self) -> Camera | None:

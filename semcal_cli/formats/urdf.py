@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
-from semcal_cli.formats.frame_names import camera_and_lidar, named, optical_axes
+from semcal_cli.formats.frame_names import camera_and_lidar, name_frames, optical_axes
 from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import ANGLES, PLACE, numbers_of, pose_of
 from semcal_cli.geometry.arrays import Pose
@@ -38,19 +38,19 @@ def _read(source: Source, options: FormatOptions) -> Pose:
 
 def _between(source: Source, joints: list[ET.Element], start: str, end: str) -> Pose:
     """Chain the joints from one link to another: T_start_end (4, 4)."""
-    came: dict[str, tuple[str, ET.Element]] = {}
-    for link in (reached := [start]):
+    predecessors: dict[str, tuple[str, ET.Element]] = {}
+    for link in (queue := [start]):
         for joint in joints:
             if link in (ends := _links(joint)):
                 other = ends[ends[0] == link]
-                if other != start and other not in came:
-                    reached.append(other)
-                    came[other] = link, joint
-    if end not in came:
+                if other != start and other not in predecessors:
+                    queue.append(other)
+                    predecessors[other] = link, joint
+    if end not in predecessors:
         raise InputError(f"{source.path}: found no chain of joints from {start!r} to {end!r}, needed one")
     steps, link = [], end
     while link != start:
-        before, joint = came[link]
+        before, joint = predecessors[link]
         if (kind := joint.get("type", "fixed")) != "fixed":
             name = joint.get("name", "")
             raise InputError(
@@ -68,13 +68,13 @@ def _origin(source: Source, joint: ET.Element) -> Pose:
     attributes = {} if origin is None else origin.attrib
     values: dict[str, float] = {}
     for name, names in (("xyz", PLACE), ("rpy", ANGLES)):
-        found = parse_numbers(source.path, f"{key}: {name}", attributes.get(name, "0 0 0"), 3)
-        values.update(zip(names, found.tolist(), strict=True))
+        numbers = parse_numbers(source.path, f"{key}: {name}", attributes.get(name, "0 0 0"), 3)
+        values.update(zip(names, numbers.tolist(), strict=True))
     return pose_of(f"{source.path}: {key}", values, FormatOptions())
 
 
 def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    T, lidar, camera = named(T_camera_lidar, options)
+    T, lidar, camera = name_frames(T_camera_lidar, options)
     values = numbers_of(T)
     place, angles = (" ".join(repr(values[name]) for name in names) for names in (PLACE, ANGLES))
     joint = ET.Element("joint", name=f"{camera}_joint", type="fixed")

@@ -15,7 +15,7 @@ Vectors: TypeAlias = NDArray[np.float64]
 """(N, k) one vector a row."""
 Rays: TypeAlias = NDArray[np.float64]
 """(N, 3) unit directions."""
-Twist: TypeAlias = NDArray[np.float64]
+TwistVector: TypeAlias = NDArray[np.float64]
 """(6,) xi = (rho, phi): translation in metres, then rotation in radians."""
 Pose: TypeAlias = NDArray[np.float64]
 """(4, 4) rigid transform, metres."""
@@ -33,7 +33,7 @@ Image: TypeAlias = NDArray[np.uint8]
 """(H, W) grey or (H, W, 3) colour image."""
 RawPixels: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 """(H, W) or (H, W, 3) pixels of a recording, 8 or 16 bits."""
-Classes: TypeAlias = NDArray[np.uint8]
+ClassIds: TypeAlias = NDArray[np.uint8]
 """Class of each point (N,) or pixel (H, W)."""
 Colors: TypeAlias = NDArray[np.uint8]
 """(N, 3) colours."""

@@ -197,9 +197,9 @@ def within_baseline(T_camera_lidar: Pose, max_baseline_m: float) -> Pose:
     distance_m = baseline_m(T_camera_lidar)
     if distance_m <= max_baseline_m:
         return T_camera_lidar
-    held = T_camera_lidar.copy()
-    held[:3, 3] *= max_baseline_m / distance_m
-    return held
+    limited = T_camera_lidar.copy()
+    limited[:3, 3] *= max_baseline_m / distance_m
+    return limited
 
 
 def check_baseline(name: str, T_camera_lidar: Pose, max_baseline_m: float) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semcal_cli.geometry.arrays import Pose, Twist, Vector
+from semcal_cli.geometry.arrays import Pose, TwistVector, Vector
 from semcal_cli.geometry.poses import camera_center, cross_matrix, rotation_difference
 
 SMALL_ANGLE = 1e-4
@@ -40,7 +40,7 @@ def rotation_matrix(rotation_vector: Vector) -> NDArray[np.float64]:
     )
 
 
-def apply_twist(T: Pose, twist: Twist) -> Pose:
+def apply_twist(T: Pose, twist: TwistVector) -> Pose:
     """Rotate a pose by exp(phi), then shift it by rho. This equals exp(xi) T to first order."""
     return apply_motion(T, rotation_matrix(twist[3:]), twist[:3])
 
@@ -51,7 +51,7 @@ def adjoint(T: Pose) -> NDArray[np.float64]:
     return np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
 
 
-def displaced(T: Pose, angle_deg: float, distance_m: float, rng: np.random.Generator) -> Pose:
+def displace(T: Pose, angle_deg: float, distance_m: float, rng: np.random.Generator) -> Pose:
     """Turn a camera by an angle about a random axis, and move its centre by a distance in a random direction."""
     axis, direction = rng.standard_normal((2, 3))
     turn = rotation_matrix(np.radians(angle_deg) * axis / np.linalg.norm(axis))
@@ -99,7 +99,7 @@ def camera_motions(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.hstack([-coordinates[:, :3], -np.degrees(coordinates[:, 3:])])
 
 
-def pose_at(T_reference: Pose, coordinates: Twist) -> Pose:
+def pose_at(T_reference: Pose, coordinates: TwistVector) -> Pose:
     """Pose (4, 4) that has these local coordinates about a reference."""
     T: Pose = np.eye(4)
     T[:3, :3] = rotation_matrix(coordinates[3:]) @ T_reference[:3, :3]

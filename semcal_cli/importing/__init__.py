@@ -83,9 +83,9 @@ def read_dataset(name: str, request: Request) -> Recording:
 
 
 def _read_by_plugin(name: str, request: Request) -> Recording:
-    from semcal_cli.importing.recording import checked_recording
+    from semcal_cli.importing.recording import check_recording
 
     if (read := PLUGINS.get(name, FunctionType)) is None:
         raise InputError(f"found data set {name!r}, needed {one_of(name, [*DATASETS, *PLUGINS.names])}")
-    with PLUGINS.blamed(name):
-        return checked_recording(read(request), partial(PLUGINS.guarded, name))
+    with PLUGINS.name_in_errors(name):
+        return check_recording(read(request), partial(PLUGINS.guard, name))

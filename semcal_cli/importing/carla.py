@@ -25,7 +25,14 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.dataset_tree import inside, need_file, numbered_files
 from semcal_cli.importing.ontologies import read_ontology
-from semcal_cli.importing.recording import Cloud, Conversion, Recording, Request, SourceFrame, joined
+from semcal_cli.importing.recording import (
+    Cloud,
+    Conversion,
+    Recording,
+    Request,
+    SourceFrame,
+    join_frames,
+)
 from semcal_cli.observations.frame_selection import evenly_spaced
 
 FOV_DEG = 0.1, 179.9
@@ -106,9 +113,9 @@ def _table(version: str | None) -> str:
     try:
         release = tuple(int(part) for part in str(version).split("."))
     except ValueError:
-        found = "none given" if version is None else f"found {version!r}"
+        problem = "none given" if version is None else f"found {version!r}"
         raise InputError(
-            f"--version: {found}, needed CARLA's release, such as 0.9.15: its tags changed in 0.9.14"
+            f"--version: {problem}, needed CARLA's release, such as 0.9.15: its tags changed in 0.9.14"
         ) from None
     if release < OLD_TAGS:
         raise InputError(
@@ -163,7 +170,7 @@ def _frames(root: Path, rig: dict[str, Sensor], camera: Sensor, lidar: Sensor) -
         for name, cloud in numbered_files(root / lidar.name, ".ply").items()
     }
     colour = next(filter(looks_alike, rig.values()), None)
-    return joined(
+    return join_frames(
         clouds,
         needs=("image_labels",),
         image_labels=by_number(camera, ".png"),

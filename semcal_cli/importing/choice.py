@@ -47,7 +47,7 @@ class Options:
     """Name or file of the class table of the points; None for the data set's own."""
 
 
-def relabelled(recording: Recording, options: Options) -> Recording:
+def relabel(recording: Recording, options: Options) -> Recording:
     """Replace the labels and classes of the data set with those that the user gives.
 
     Raises:
@@ -78,15 +78,17 @@ def _with_labels(
     """Take labels of one side from a folder of files named after the frame, its image or its cloud."""
     suffixes = POINT_LABEL_SUFFIXES if side == "point_labels" else IMAGE_LABEL_SUFFIXES
     files = files_by_stem(folder, *suffixes)
-    found = [next((files[name] for name in _label_names(frame) if name in files), None) for frame in frames]
-    if not any(found):
+    label_files = [
+        next((files[name] for name in _label_names(frame) if name in files), None) for frame in frames
+    ]
+    if not any(label_files):
         raise InputError(
             f"{folder}: found {len(files):,} label files, none named after a frame; needed "
             f"{' or '.join(dict.fromkeys(_label_names(frames[0])))} with {', '.join(suffixes)}"
         )
     if side == "point_labels":
-        return [replace(frame, point_labels=file) for frame, file in zip(frames, found, strict=True)]
-    return [replace(frame, image_labels=file) for frame, file in zip(frames, found, strict=True)]
+        return [replace(frame, point_labels=file) for frame, file in zip(frames, label_files, strict=True)]
+    return [replace(frame, image_labels=file) for frame, file in zip(frames, label_files, strict=True)]
 
 
 def _label_names(frame: SourceFrame) -> list[str]:
@@ -108,7 +110,7 @@ def _without_own_labels(frame: SourceFrame, folder: Path) -> SourceFrame:
     return replace(frame, points=replace(frame.points, has_labels=False))
 
 
-def labelled(recording: Recording) -> Recording:
+def keep_labelled(recording: Recording) -> Recording:
     """Leave out frames that lack labels which other frames have, and count them in a remark.
 
     Raises:
@@ -118,25 +120,29 @@ def labelled(recording: Recording) -> Recording:
     num_points = sum(frame.has_point_labels for frame in frames)
     num_images = sum(frame.image_labels is not None for frame in frames)
     remarks = []
-    for side, what, option in (
+    for side, labels, option in (
         ("has_point_labels", "point labels", "--point-labels"),
         ("image_labels", "image labels", "--image-labels"),
     ):
-        kept = [frame for frame in frames if getattr(frame, side)]
-        if not kept and num_points and num_images:
+        frames_with_labels = [frame for frame in frames if getattr(frame, side)]
+        if not frames_with_labels and num_points and num_images:
             raise InputError(
                 f"found {counted(num_points, 'frame')} with point labels and {num_images:,} with image "
                 f"labels, none of {len(recording.frames):,} with both, needed at least one"
             )
-        if not kept and recording.labels_by is not None:
-            remarks.append(f"no {what}: {WITHOUT[what]}; add your own with {option} {recording.labels_by}")
-        elif kept and len(kept) < len(frames):
-            remarks.append(f"left out {counted(len(frames) - len(kept), 'frame')} without {what}")
-        frames = kept or frames
+        if not frames_with_labels and recording.labels_by is not None:
+            remarks.append(
+                f"no {labels}: {WITHOUT[labels]}; add your own with {option} {recording.labels_by}"
+            )
+        elif frames_with_labels and len(frames_with_labels) < len(frames):
+            remarks.append(
+                f"left out {counted(len(frames) - len(frames_with_labels), 'frame')} without {labels}"
+            )
+        frames = frames_with_labels or frames
     return replace(recording, frames=frames, remarks=(*recording.remarks, *remarks))
 
 
-def narrowed(recording: Recording, options: Options) -> Recording:
+def narrow(recording: Recording, options: Options) -> Recording:
     """Leave out pairs that are too far apart in time, then keep the chosen frames.
 
     Raises:
@@ -171,7 +177,7 @@ def _slowest(frames: Sequence[SourceFrame], count: int) -> list[SourceFrame]:
     return [frames[index] for index in sorted(order[: max(count, (len(frames) + 1) // 2)])]
 
 
-def most_varied(drive: Drive, recording: Recording, options: Options) -> list[SourceFrame]:
+def select_varied(drive: Drive, recording: Recording, options: Options) -> list[SourceFrame]:
     """Keep the frames whose label images differ most; keep all frames without `spread`.
 
     Args:
@@ -193,5 +199,5 @@ def most_varied(drive: Drive, recording: Recording, options: Options) -> list[So
         for frame, source in zip(drive.frames, sources, strict=True)
     )
     chosen = select_frames(drive.model_copy(update={"frames": frames}), options.max_frames or SPREAD_FRAMES)
-    kept = set(map(id, chosen.frames))
-    return [source for source, frame in zip(sources, frames, strict=True) if id(frame) in kept]
+    chosen_ids = set(map(id, chosen.frames))
+    return [source for source, frame in zip(sources, frames, strict=True) if id(frame) in chosen_ids]

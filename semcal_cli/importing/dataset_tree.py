@@ -117,19 +117,19 @@ def files_by_stem(folder: Path, *suffixes: str, is_needed: bool = True) -> dict[
         InputError: the folder is needed and does not exist.
     """
     content = _content(folder) if is_needed or folder.is_dir() else []
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for suffix in suffixes:
         for path in content:
             if path.name.endswith(suffix):
-                found.setdefault(path.name.removesuffix(suffix), path)
-    return dict(sorted(found.items()))
+                files.setdefault(path.name.removesuffix(suffix), path)
+    return dict(sorted(files.items()))
 
 
 def numbered_files(folder: Path, *suffixes: str) -> dict[str, Path]:
     """List the files of a folder whose stems are plain digits, as `files_by_stem` does, in order of their numbers."""
     files = files_by_stem(folder, *suffixes)
-    numbered = [stem for stem in files if stem.isascii() and stem.isdecimal()]
-    return {stem: files[stem] for stem in sorted(numbered, key=int)}
+    stems = [stem for stem in files if stem.isascii() and stem.isdecimal()]
+    return {stem: files[stem] for stem in sorted(stems, key=int)}
 
 
 def read_rows(path: Path, count: int, *, is_needed: bool = False) -> Iterator[tuple[str, Vector]]:

@@ -15,12 +15,12 @@ from semcal_cli.drive.document import Drive, Frame, output_drive_file, read_driv
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import holds_colors
-from semcal_cli.files.output_files import removed_if_refused
+from semcal_cli.files.output_files import remove_if_refused
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, nearest_rigid, rotation_error_deg
-from semcal_cli.importing.choice import Options, labelled, most_varied, narrowed, relabelled
+from semcal_cli.importing.choice import Options, keep_labelled, narrow, relabel, select_varied
 from semcal_cli.importing.dataset_tree import need_file, writable_name
 from semcal_cli.importing.ontologies import Ontology
 from semcal_cli.importing.recording import Conversion, Recording, SourceFrame
@@ -30,7 +30,7 @@ UNWRITTEN = Path("the drive to be written")
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenDrive:
     """Summary of a written drive."""
 
     path: Path
@@ -45,7 +45,7 @@ class Written:
     """The drive."""
 
 
-def write_drive(recording: Recording, options: Options, out: Path, *, force: bool = False) -> Written:
+def write_drive(recording: Recording, options: Options, out: Path, *, force: bool = False) -> WrittenDrive:
     """Write a drive. The drive.yaml is written last, and each file as a whole or not at all; errors leave no new file.
 
     Args:
@@ -62,18 +62,20 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
     tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
     if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
         raise InputError(f"{path}: found a file that this import reads, needed another name")
-    recording = labelled(relabelled(recording, options))
+    recording = keep_labelled(relabel(recording, options))
     if not force:
-        known = {
-            os.path.realpath(file) for frame in recording.frames if (file := _told_by(frame)) is not None
+        known_files = {
+            os.path.realpath(file)
+            for frame in recording.frames
+            if (file := _identifying_file(frame)) is not None
         }
-        check_is_replaced(path, lambda file, frame: os.path.realpath(file) in known)
-    recording = narrowed(recording, options)
+        check_may_replace(path, lambda file, frame: os.path.realpath(file) in known_files)
+    recording = narrow(recording, options)
     drive = validate(Drive, _document(recording, path), UNWRITTEN)
     drive._path = path
-    chosen = most_varied(drive, recording, options)
-    with removed_if_refused() as write:
-        frames = [frame for frame in chosen if _converted(frame, path.parent, write)]
+    chosen = select_varied(drive, recording, options)
+    with remove_if_refused() as write:
+        frames = [frame for frame in chosen if _write_converted(frame, path.parent, write)]
         if not frames:
             file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))
             raise InputError(
@@ -87,10 +89,10 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
     if left_out := len(chosen) - len(frames):
         remarks.append(f"left out {counted(left_out, 'frame')} without points")
     num_converted = sum(isinstance(frame.points, Conversion) for frame in frames)
-    return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)), drive)
+    return WrittenDrive(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)), drive)
 
 
-def check_is_replaced(path: Path, is_known: Callable[[Path, Frame], bool]) -> None:
+def check_may_replace(path: Path, is_known: Callable[[Path, Frame], bool]) -> None:
     """Check that a drive.yaml may be written: there is none, or one that an import of the same data wrote.
 
     Args:
@@ -102,18 +104,18 @@ def check_is_replaced(path: Path, is_known: Callable[[Path, Frame], bool]) -> No
     """
     if not path.is_file():
         return
-    found = "a file that cannot be read as a drive"
+    description = "a file that cannot be read as a drive"
     with suppress(InputError):
-        old, found = read_drive(path), "a drive of other data"
+        old, description = read_drive(path), "a drive of other data"
         names = [frame.image or frame.image_labels or frame.points for frame in old.frames]
         if old.networks is not None:
-            found = "a drive with labels of networks"
+            description = "a drive with labels of networks"
         elif any(is_known(old.resolve(name), frame) for name, frame in zip(names, old.frames, strict=True)):
             return
-    raise InputError(f"{path}: found {found}, needed another -o, or --force")
+    raise InputError(f"{path}: found {description}, needed another -o, or --force")
 
 
-def _told_by(frame: SourceFrame) -> Path | None:
+def _identifying_file(frame: SourceFrame) -> Path | None:
     """Choose the original file by which a frame is known again."""
     return frame.image or frame.image_labels or (frame.points if isinstance(frame.points, Path) else None)
 
@@ -148,19 +150,19 @@ def _frame_document(frame: SourceFrame, folder: Path) -> dict[str, Any]:
 def _class_blocks(recording: Recording) -> dict[str, Any]:
     """Make the `ignore:`, `classes:` and `palette:` blocks."""
     sides: dict[str, Ontology | None] = {"points": recording.point_classes, "image": recording.image_classes}
-    coded = next((f.image_labels for f in recording.frames if f.image_labels), None)
+    label_image = next((f.image_labels for f in recording.frames if f.image_labels), None)
     palette = None
-    if coded and holds_colors(coded):
+    if label_image and holds_colors(label_image):
         palette = recording.image_classes.palette() if recording.image_classes else {}
         if not palette:
             raise InputError(
-                f"{coded}: found colours, needed ids, or a class table with these colours with --image-classes"
+                f"{label_image}: found colours, needed ids, or a class table with these colours with --image-classes"
             )
         del sides["image"]
     blocks: dict[str, Any] = {}
-    if known := {side: table for side, table in sides.items() if table}:
-        blocks["ignore"] = {side: list(table.ignore) for side, table in known.items()}
-        blocks["classes"] = {side: table.ids() for side, table in known.items()}
+    if tables := {side: table for side, table in sides.items() if table}:
+        blocks["ignore"] = {side: list(table.ignore) for side, table in tables.items()}
+        blocks["classes"] = {side: table.ids() for side, table in tables.items()}
     return blocks | ({"palette": palette} if palette else {})
 
 
@@ -174,7 +176,7 @@ def _reference(recording: Recording) -> Pose | None:
 
 
 def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
-    """Say how far the transforms of the frames are from their mean."""
+    """Describe how far the transforms of the frames are from their mean."""
     poses = _frame_poses(frames)
     if len(poses) < 2:
         return []
@@ -191,7 +193,7 @@ def _frame_poses(frames: Sequence[SourceFrame]) -> list[Pose]:
     return [frame.T_camera_lidar for frame in frames if frame.T_camera_lidar is not None]
 
 
-def _converted(frame: SourceFrame, folder: Path, write: Callable[[bytes, Path], None]) -> bool:
+def _write_converted(frame: SourceFrame, folder: Path, write: Callable[[bytes, Path], None]) -> bool:
     """Write the converted cloud of a frame if it needs one; return whether the frame has points."""
     if not isinstance(frame.points, Conversion):
         return True
@@ -204,8 +206,8 @@ def _converted(frame: SourceFrame, folder: Path, write: Callable[[bytes, Path], 
     points, labels = (folder / copy for copy in _copies(frame.name))
     if frame.points.has_labels:
         if cloud.labels is None or cloud.labels.shape != shape[:1]:
-            found = "no labels" if cloud.labels is None else f"labels of shape {cloud.labels.shape}"
-            raise InputError(f"{file}: frame {frame.name!r}: found {found}, needed one label per point")
+            description = "no labels" if cloud.labels is None else f"labels of shape {cloud.labels.shape}"
+            raise InputError(f"{file}: frame {frame.name!r}: found {description}, needed one label per point")
         write(cloud.labels.astype("<u4").tobytes(), labels)
     write(cloud.points.astype("<f4").tobytes(), points)
     return True

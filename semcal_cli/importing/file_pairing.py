@@ -30,27 +30,27 @@ def stamps_s(files: Sequence[Path]) -> dict[Path, float]:
     Raises:
         InputError: digits after the seconds are neither a fraction nor nanoseconds.
     """
-    found = {path: SPLIT_SECONDS.findall(stem(path)) for path in files}
-    split = {path: matches[-1] for path, matches in found.items() if matches}
-    nanoseconds = {mark: _are_nanoseconds(split, mark) for mark in "._-"}
+    matches_by_path = {path: SPLIT_SECONDS.findall(stem(path)) for path in files}
+    parts = {path: matches[-1] for path, matches in matches_by_path.items() if matches}
+    nanoseconds = {mark: _are_nanoseconds(parts, mark) for mark in "._-"}
     stamps = {path: _plain_stamp_s(stem(path)) for path in files}
-    for path, (seconds, mark, digits) in split.items():
+    for path, (seconds, mark, digits) in parts.items():
         fraction = digits.zfill(9) if nanoseconds[mark] else digits
         stamps[path] = float(f"{seconds}.{fraction}")
     return {path: stamp for path, stamp in stamps.items() if stamp is not None}
 
 
-def _are_nanoseconds(split: Mapping[Path, tuple[str, str, str]], mark: str) -> bool:
+def _are_nanoseconds(parts: Mapping[Path, tuple[str, str, str]], mark: str) -> bool:
     """Whether the digits after the seconds and a mark are nanoseconds without leading zeros, and not a fraction."""
-    groups = {path: digits for path, (_, between, digits) in split.items() if between == mark}
+    groups = {path: digits for path, (_, between, digits) in parts.items() if between == mark}
     odd = next((path for path, digits in groups.items() if len(digits) not in PADDED), None)
     if odd is None:
         return False
     longest = max(map(len, groups.values()))
-    padded = any(len(digits) > 1 and digits.startswith("0") for digits in groups.values())
+    has_leading_zeros = any(len(digits) > 1 and digits.startswith("0") for digits in groups.values())
     if mark == ".":  # a fraction after a decimal point may have any length, but nine digits are ROS's
-        return longest == 9 and not padded
-    if longest <= 6 or padded:
+        return longest == 9 and not has_leading_zeros
+    if longest <= 6 or has_leading_zeros:
         raise InputError(
             f"{odd}: found {counted(len(groups[odd]), 'digit')} after the seconds, needed 3, 6 or 9 in every name, or "
             "nanoseconds without leading zeros"
@@ -62,8 +62,8 @@ def _plain_stamp_s(name: str) -> float | None:
     """Read a name that is a decimal number, or the last whole Unix time in a name; seconds."""
     if PLAIN_SECONDS.fullmatch(name):
         return stamp if (stamp := float(name)) <= MAX_STAMP_S else None
-    if found := WHOLE_UNITS.findall(name):
-        return int(found[-1]) / 10.0 ** (len(found[-1]) - 10)
+    if digits := WHOLE_UNITS.findall(name):
+        return int(digits[-1]) / 10.0 ** (len(digits[-1]) - 10)
     return None
 
 
@@ -86,8 +86,10 @@ def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> d
         InputError: two files of one kind have the same name, or a time in a name is ambiguous.
     """
     if not by_time(clouds, others):
-        named = _by_name(others)
-        return {cloud: named[name] for name, cloud in _by_name(clouds).items() if name in named}
+        other_by_name = _by_name(others)
+        return {
+            cloud: other_by_name[name] for name, cloud in _by_name(clouds).items() if name in other_by_name
+        }
     cloud_stamps, other_stamps = (
         np.array([stamps[path] for path in side])
         for side, stamps in ((clouds, stamps_s(clouds)), (others, stamps_s(others)))
@@ -111,9 +113,9 @@ def _nearest(stamps: np.ndarray, among: np.ndarray) -> list[int]:
 
 
 def _by_name(files: Sequence[Path]) -> dict[str, Path]:
-    named: dict[str, Path] = {}
+    file_by_name: dict[str, Path] = {}
     for path in files:
-        other = named.setdefault(stem(path), path)
+        other = file_by_name.setdefault(stem(path), path)
         if other != path:
             raise InputError(f"{path}: found the same name as {other}, needed a distinct name for each frame")
-    return named
+    return file_by_name

@@ -86,20 +86,23 @@ def read(folder: Folder) -> Recording:
     point_labels = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
     image_labels = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)
     images = _partners(clouds, "--images", folder.images, folder.max_gap_s)
-    timed = image_labels if image_labels.of_cloud else images
-    needed = [found.of_cloud for found in (point_labels, timed) if found.of_cloud]
-    whole = [cloud for cloud in clouds if all(cloud in found for found in needed)]
-    if not whole:
+    image_partners = image_labels if image_labels.of_cloud else images
+    needed = [partners.of_cloud for partners in (point_labels, image_partners) if partners.of_cloud]
+    usable_clouds = [cloud for cloud in clouds if all(cloud in files for files in needed)]
+    if not usable_clouds:
         option = "--image-labels" if image_labels.of_cloud else "--images"
         raise InputError(
             f"--points: found {counted(len(clouds), 'cloud')}, {len(point_labels.of_cloud):,} with a file of "
-            f"--point-labels, {len(timed.of_cloud):,} with one of {option}, none with both, needed at least one"
+            f"--point-labels, {len(image_partners.of_cloud):,} with one of {option}, none with both, "
+            "needed at least one"
         )
     stamps, has_labels = stamps_s(clouds), False
     if not point_labels.of_cloud:
-        (first,) = read_point_clouds([(whole[0], None)], folder.max_points)
+        (first,) = read_point_clouds([(usable_clouds[0], None)], folder.max_points)
         has_labels = first.labels is not None
-    own_labels = (f"point labels: from the clouds themselves, such as {whole[0].name}",) if has_labels else ()
+    own_labels = (
+        (f"point labels: from the clouds themselves, such as {usable_clouds[0].name}",) if has_labels else ()
+    )
     frames = [
         SourceFrame(
             name=stem(cloud),
@@ -108,10 +111,12 @@ def read(folder: Folder) -> Recording:
             image_labels=image_labels.of_cloud.get(cloud),
             image=images.of_cloud.get(cloud),
             points_stamp=stamps.get(cloud),
-            image_stamp=timed.stamps_s.get(timed.of_cloud[cloud]) if timed.of_cloud else None,
+            image_stamp=image_partners.stamps_s.get(image_partners.of_cloud[cloud])
+            if image_partners.of_cloud
+            else None,
             cloud_has_labels=has_labels,
         )
-        for cloud in whole
+        for cloud in usable_clouds
     ]
     return Recording(
         camera=camera,
@@ -125,17 +130,19 @@ def read(folder: Folder) -> Recording:
 
 def _find(option: str, pattern: str) -> list[Path]:
     names = glob.glob(pattern, recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
-    found = [path for path in map(Path, sorted(names)) if path.is_file()]
-    if not found:
+    paths = [path for path in map(Path, sorted(names)) if path.is_file()]
+    if not paths:
         raise InputError(
             f"{option}: {pattern}: found no matching file, needed at least one; quote the pattern"
         )
-    known = SUFFIXES[option]
-    for path in found:
-        if not path.name.lower().endswith(known):
+    suffixes = SUFFIXES[option]
+    for path in paths:
+        if not path.name.lower().endswith(suffixes):
             suffix = f"found suffix {path.suffix!r}" if path.suffix else "found no suffix"
-            raise InputError(f"{option}: {path}: {suffix}, needed {', '.join(known[:-1])} or {known[-1]}")
-    return found
+            raise InputError(
+                f"{option}: {path}: {suffix}, needed {', '.join(suffixes[:-1])} or {suffixes[-1]}"
+            )
+    return paths
 
 
 def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: float) -> Partners:
@@ -143,17 +150,17 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     if pattern is None:
         return Partners()
     files = _find(option, pattern)
-    found = pairs(clouds, files, max_gap_s)
-    how = f"by time, within {max_gap_s} s" if by_time(clouds, files) else "by name"
-    if not found:
+    partners = pairs(clouds, files, max_gap_s)
+    rule = f"by time, within {max_gap_s} s" if by_time(clouds, files) else "by name"
+    if not partners:
         raise InputError(
-            f"{option}: found no partner, {how}, for any of {counted(len(clouds), 'cloud')} "
+            f"{option}: found no partner, {rule}, for any of {counted(len(clouds), 'cloud')} "
             f"(such as {clouds[0].name}) among {counted(len(files), 'file')} (such as {files[0].name})"
         )
-    alone = len(clouds) - len(found), len(files) - len(found)
-    unpaired = f"{counted(alone[0], 'cloud')}, {counted(alone[1], 'file')}"
-    counts = f"{option}: {counted(len(found), 'pair')} {how}; unpaired: {unpaired}"
-    return Partners(found, stamps_s(files), (counts,) if any(alone) else ())
+    num_unpaired = len(clouds) - len(partners), len(files) - len(partners)
+    unpaired = f"{counted(num_unpaired[0], 'cloud')}, {counted(num_unpaired[1], 'file')}"
+    counts = f"{option}: {counted(len(partners), 'pair')} {rule}; unpaired: {unpaired}"
+    return Partners(partners, stamps_s(files), (counts,) if any(num_unpaired) else ())
 
 
 def _reference(path: Path) -> Pose:

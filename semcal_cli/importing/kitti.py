@@ -34,7 +34,7 @@ from semcal_cli.importing.dataset_tree import (
     read_speeds,
 )
 from semcal_cli.importing.ontologies import read_ontology
-from semcal_cli.importing.recording import Recording, Request, SourceFrame, joined
+from semcal_cli.importing.recording import Recording, Request, SourceFrame, join_frames
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
 """Scan pattern of the Velodyne HDL-64E at 10 turns per second."""
@@ -57,7 +57,7 @@ def read_odometry(request: Request, *, has_labels: bool = False) -> Recording:
     stamps = {
         i: stamp_s(where, float(row[0])) for i, (where, row) in enumerate(read_rows(folder / "times.txt", 1))
     }
-    frames = joined(
+    frames = join_frames(
         numbered_files(folder / "velodyne", ".bin"),
         point_labels=files_by_stem(folder / "labels", ".label") if has_labels else {},
         image=files_by_stem(folder / camera, *IMAGES),
@@ -94,7 +94,8 @@ def read_object(request: Request) -> Recording:
     camera = _camera(folder, request)
     clouds, images = numbered_files(folder / "velodyne", ".bin"), files_by_stem(folder / camera, *IMAGES)
     frames = {
-        frame.name: frame for frame in joined(clouds, image=images, missing=MISSING.format(folder, camera))
+        frame.name: frame
+        for frame in join_frames(clouds, image=images, missing=MISSING.format(folder, camera))
     }
     has_own = is_folder(folder / "calib")
     files = {name: folder / (f"calib/{name}.txt" if has_own else "calib.txt") for name in frames}
@@ -104,9 +105,9 @@ def read_object(request: Request) -> Recording:
     group = max(groups.values(), key=len)
     if request.sequence is not None:
         name = pick("sequence", request.sequence, list(frames), folder)
-        group = next(each for each in groups.values() if name in each)
+        group = next(names for names in groups.values() if name in names)
     recording = _recording(files[group[0]], camera, [frames[name] for name in group])
-    others = [f"{each[0]} ({len(each):,})" for each in groups.values() if each is not group]
+    others = [f"{names[0]} ({len(names):,})" for names in groups.values() if names is not group]
     if not others:
         return recording
     remark = (
@@ -142,7 +143,7 @@ def read_raw(request: Request) -> Recording:
     camera = pick("camera", request.camera, cameras, folder, usual="image_02")
     clouds = numbered_files(folder / "velodyne_points/data", ".bin")
     packets = files_by_stem(folder / "oxts/data", ".txt", is_needed=False)
-    frames = joined(
+    frames = join_frames(
         clouds,
         image=files_by_stem(folder / camera / "data", *IMAGES),
         points_stamp=read_stamps(folder / "velodyne_points/timestamps.txt"),
@@ -150,13 +151,13 @@ def read_raw(request: Request) -> Recording:
         speed_mps={name: _speed(path) for name, path in packets.items() if name in clouds},
         missing=f"{folder}: found no frame with a sweep and an image in {camera}",
     )
-    velo, keyed = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
+    velo, lines = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
     number = camera.removeprefix("image_")
     return Recording(
-        camera=pinhole(keyed.at(f"P_rect_{number}"), *image_sides(keyed.at(f"S_rect_{number}"))),
+        camera=pinhole(lines.at(f"P_rect_{number}"), *image_sides(lines.at(f"S_rect_{number}"))),
         lidar=LIDAR,
         frames=frames,
-        T_camera_lidar=raw_pose(velo, keyed, camera),
+        T_camera_lidar=raw_pose(velo, lines, camera),
     )
 
 
@@ -173,10 +174,10 @@ def read_stamps(path: Path) -> dict[int, float]:
     for index, line in enumerate(read_text(path).splitlines() if path.exists() else []):
         if not line.strip():
             continue
-        whole, _, fraction = line.strip().partition(".")
+        date_time, _, fraction = line.strip().partition(".")
         where = f"{path}: line {index + 1}"
         try:
-            moment = datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=timezone.utc)
+            moment = datetime.strptime(date_time, "%Y-%m-%d %H:%M:%S").replace(tzinfo=timezone.utc)
             if fraction and not fraction.isdecimal():
                 raise ValueError(fraction)
             seconds = moment.timestamp() + float(f"0.{fraction or 0}")
@@ -216,8 +217,8 @@ def calibration(path: Path, camera: int, width: int, height: int) -> tuple[dict[
     lines = read_keyed(path)
     key = next((key for key in (ODOMETRY_KEY, OBJECT_KEY) if key in lines.mapping), None)
     if key is None:
-        found = f"found keys {listed(lines.mapping)}"
-        raise InputError(f"{path}: {found}, needed Tr, or R0_rect and Tr_velo_to_cam")
+        problem = f"found keys {listed(lines.mapping)}"
+        raise InputError(f"{path}: {problem}, needed Tr, or R0_rect and Tr_velo_to_cam")
     T_camera0_lidar, projection = camera0_pose(lines, key), lines.at(f"P{camera}")
     return pinhole(projection, width, height), beside_camera0(projection) @ T_camera0_lidar
 
@@ -233,25 +234,25 @@ def pinhole(projection: Node, width: int, height: int) -> dict[str, Any]:
     return camera_block(projection.file, block, {"K": projection.key})
 
 
-def raw_camera(keyed: Node, camera: str) -> dict[str, Any]:
+def raw_camera(lines: Node, camera: str) -> dict[str, Any]:
     """Read the camera block of a camera's raw images: K, D (k1 k2 p1 p2 k3) and S before rectification.
 
     Args:
-        keyed: The file.
+        lines: The file.
         camera: Number of the camera, such as 00.
 
     Raises:
         InputError: a key is missing or wrong.
     """
     key, distortion = f"K_{camera}", f"D_{camera}"
-    K = keyed.at(key).matrix(3, 3)
+    K = lines.at(key).matrix(3, 3)
     if not K[2].any():
         # KITTI-360's own perspective.txt prints the last row as 0 0 0.
         K[2, 2] = 1.0
-    width, height = image_sides(keyed.at(f"S_{camera}"))
+    width, height = image_sides(lines.at(f"S_{camera}"))
     block = {"model": "plumb_bob", "width": width, "height": height, "K": K.tolist()}
-    block["distortion"] = keyed.at(distortion).numbers(5)
-    return camera_block(keyed.file, block, {"K": key, "distortion": distortion})
+    block["distortion"] = lines.at(distortion).numbers(5)
+    return camera_block(lines.file, block, {"K": key, "distortion": distortion})
 
 
 def image_sides(sides: Node) -> tuple[int, int]:

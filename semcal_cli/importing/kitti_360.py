@@ -32,7 +32,7 @@ from semcal_cli.importing.dataset_tree import (
 )
 from semcal_cli.importing.kitti_360_windows import Windows
 from semcal_cli.importing.ontologies import read_ontology
-from semcal_cli.importing.recording import Recording, Request, joined
+from semcal_cli.importing.recording import Recording, Request, join_frames
 
 USUAL_CAMERA = "image_00"
 PERSPECTIVE = ("image_00", "image_01")
@@ -63,11 +63,11 @@ def read(request: Request) -> Recording:
     raw_pair = camera in PERSPECTIVE and not rectified
     place = f"{camera}/data_rgb" if raw_pair else camera
     missing = f"{root}: found no frame of {sequence} with points, a pose and an image of {place}"
-    wanted: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **images}
+    fields: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **images}
     if folder is None:
         sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
         clouds = numbered_files(sweeps / "data", ".bin")
-        frames = joined(clouds, points_stamp=kitti.read_stamps(sweeps / "timestamps.txt"), **wanted)
+        frames = join_frames(clouds, points_stamp=kitti.read_stamps(sweeps / "timestamps.txt"), **fields)
         remarks = ["raw sweeps carry no labels"]
     else:
         windows = Windows(folder, visible_only=camera in PERSPECTIVE)
@@ -78,7 +78,7 @@ def read(request: Request) -> Recording:
             for number, T_world_pose in poses.items()
             if number in windows
         }
-        frames = joined(cuts, speed_mps=_speeds(poses), **wanted)
+        frames = join_frames(cuts, speed_mps=_speeds(poses), **fields)
         remarks = [f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}"]
     if raw_pair:
         remarks.append(
@@ -104,11 +104,11 @@ def _sequences(folder: Path) -> list[str]:
     return [name for name in names + inner if name.endswith("_sync")]
 
 
-def _is_rectified(camera: str, asked: bool | None) -> bool:
+def _is_rectified(camera: str, rectified: bool | None) -> bool:
     """Decide whether the images are rectified: those of the perspective pair are, unless raw ones are requested."""
     if camera in PERSPECTIVE:
-        return asked is not False
-    if asked:
+        return rectified is not False
+    if rectified:
         raise InputError(
             f"--rectified: found camera {camera}, whose images are all raw, needed {' or '.join(PERSPECTIVE)}"
         )
@@ -120,12 +120,12 @@ def _camera(folder: Path, camera: str, rectified: bool) -> tuple[dict[str, Any],
     T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
     if camera in FISHEYES:
         return read_intrinsics(_fisheye(folder, camera)), T
-    keyed, number = read_keyed(folder / "perspective.txt"), camera.removeprefix("image_")
+    lines, number = read_keyed(folder / "perspective.txt"), camera.removeprefix("image_")
     if not rectified:
-        return kitti.raw_camera(keyed, number), T
+        return kitti.raw_camera(lines, number), T
     # The baseline is in calib_cam_to_pose.txt already; the last column of P_rect would add it twice.
-    block = kitti.pinhole(keyed.at(f"P_rect_{number}"), *kitti.image_sides(keyed.at(f"S_rect_{number}")))
-    return block, rotation(keyed.at(f"R_rect_{number}")) @ T
+    block = kitti.pinhole(lines.at(f"P_rect_{number}"), *kitti.image_sides(lines.at(f"S_rect_{number}")))
+    return block, rotation(lines.at(f"R_rect_{number}")) @ T
 
 
 def _fisheye(folder: Path, camera: str) -> Path:

@@ -66,14 +66,14 @@ class Windows:
 def _cut(path: Path, T_world_lidar: Pose, visible_only: bool) -> Cloud:
     points_world, semantic, visible = _read_window(path)
     offsets = points_world - T_world_lidar[:3, 3]
-    kept = np.einsum("ij,ij->i", offsets, offsets) < RADIUS_M**2
+    mask = np.einsum("ij,ij->i", offsets, offsets) < RADIUS_M**2
     if visible_only:
-        kept &= visible
-    points_lidar = offsets[kept] @ T_world_lidar[:3, :3]
+        mask &= visible
+    points_lidar = offsets[mask] @ T_world_lidar[:3, :3]
     nearest = _nearest_in_each_direction(points_lidar)
     cloud = np.zeros((len(nearest), 4), dtype=np.float32)
     cloud[:, :3] = points_lidar[nearest]
-    return Cloud(cloud, semantic[kept][nearest])
+    return Cloud(cloud, semantic[mask][nearest])
 
 
 def _nearest_in_each_direction(points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
@@ -104,12 +104,12 @@ def _read_window(
 
 
 def _frames(path: Path) -> range:
-    found = re.fullmatch(r"(\d+)_(\d+)", path.stem)
-    if not found:
+    match = re.fullmatch(r"(\d+)_(\d+)", path.stem)
+    if not match:
         raise InputError(
             f"{path}: found name {path.stem!r}, needed the first and last frame, such as 0000000002_0000000385"
         )
-    return range(int(found.group(1)), int(found.group(2)) + 1)
+    return range(int(match.group(1)), int(match.group(2)) + 1)
 
 
 def read_vertices(path: Path) -> npt.NDArray[Any]:

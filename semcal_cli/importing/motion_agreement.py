@@ -11,12 +11,12 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.importing.sweep_odometry import NS, SIGMA, covered, twist_from
+from semcal_cli.importing.sweep_odometry import NS, SIGMA, are_covered, twist_from
 from semcal_cli.observations.motion import displacement, read_poses
 
 HALF_NS = NS // 5
 """Motions are compared from this long before a moment to this long after it, the interval that `SIGMA` holds for."""
-MOST_SIGMAS = 5.0
+MAX_SIGMAS = 5.0
 """Largest difference that still counts as agreement, in standard deviations of an axis. By chance, one length in a
 thousand exceeds 4 (Maxwell distribution), and the other source has errors, too."""
 
@@ -35,10 +35,10 @@ class MotionDifference(NamedTuple):
     def agrees(self) -> bool:
         """Whether the errors of odometry can explain the difference."""
         shares = self.linear_m_s / SIGMA["linear_m_s"], self.angular_rad_s / SIGMA["angular_rad_s"]
-        return max(shares) <= MOST_SIGMAS
+        return max(shares) <= MAX_SIGMAS
 
-    def told(self, name: str) -> str:
-        """Say in a sentence whether the motion called `name` agrees with that of the sweeps."""
+    def describe(self, name: str) -> str:
+        """Describe in a sentence whether the motion called `name` agrees with that of the sweeps."""
         by = f"by {self.linear_m_s:.2g} m/s and {np.degrees(self.angular_rad_s):.2g} degrees per second"
         where = f"the median over {self.num_moments:,} frames"
         if self.agrees:
@@ -65,7 +65,7 @@ def compare_motions(
     both = [
         moment_ns
         for moment_ns in moments_ns
-        if all(covered(list(each), (moment_ns - HALF_NS, moment_ns + HALF_NS)) for each in (one, other))
+        if all(are_covered(list(poses), (moment_ns - HALF_NS, moment_ns + HALF_NS)) for poses in (one, other))
     ]
     if not both:
         return None
@@ -85,10 +85,12 @@ def compare_with_drive(drive: Drive, poses: Mapping[int, Pose]) -> MotionDiffere
     """
     if drive.motion is None or drive.motion.poses is None:
         return None
-    stated = zip(*read_poses(drive.resolve(drive.motion.poses)), strict=True)
+    drive_poses = zip(*read_poses(drive.resolve(drive.motion.poses)), strict=True)
     moments_s = [frame.image_stamp for frame in drive.frames if frame.image_stamp is not None]
     return compare_motions(
-        {round(stamp_s * NS): T for stamp_s, T in stated}, poses, [round(each * NS) for each in moments_s]
+        {round(stamp_s * NS): T for stamp_s, T in drive_poses},
+        poses,
+        [round(moment_s * NS) for moment_s in moments_s],
     )
 
 
@@ -96,5 +98,5 @@ def _mean_twists(poses: Mapping[int, Pose], moments_ns: Sequence[int]) -> npt.ND
     """Compute the mean twist (N, 6) per second around each moment."""
     trajectory = core.Trajectory.through([stamp / NS for stamp in poses], list(poses.values()))
     ends_s = [((moment - HALF_NS) / NS, (moment + HALF_NS) / NS) for moment in moments_ns]
-    ways = [(displacement(trajectory, start_s, end_s), end_s - start_s) for start_s, end_s in ends_s]
-    return np.array([twist_from(np.eye(4), way, seconds) for way, seconds in ways])
+    displacements = [(displacement(trajectory, start_s, end_s), end_s - start_s) for start_s, end_s in ends_s]
+    return np.array([twist_from(np.eye(4), T, seconds) for T, seconds in displacements])

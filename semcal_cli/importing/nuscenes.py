@@ -55,7 +55,7 @@ class Tables:
             node = Node(str(path), row, f"[{index}]")
             yield text(node, "token"), node
 
-    def chosen(self, table: str, tokens: Collection[str]) -> dict[str, Node]:
+    def rows_with(self, table: str, tokens: Collection[str]) -> dict[str, Node]:
         """Read the rows with these tokens.
 
         Raises:
@@ -113,12 +113,12 @@ def _keyframes(tables: Tables, sensors: dict[str, Node], request: Request) -> li
     channels = {token: names.get(text(row, "sensor_token"), "") for token, row in sensors.items()}
     cameras = sorted({channel for channel in channels.values() if channel.startswith("CAM_")})
     camera = pick("camera", request.camera, cameras, request.root, usual=USUAL_CAMERA)
-    found: dict[str, dict[str, Node]] = {LIDAR_CHANNEL: {}, camera: {}}
+    rows_by_channel: dict[str, dict[str, Node]] = {LIDAR_CHANNEL: {}, camera: {}}
     for _, row in tables.rows("sample_data"):
         channel, sample = channels.get(text(row, "calibrated_sensor_token"), ""), text(row, "sample_token")
-        if channel in found and sample in samples and row.at("is_key_frame").value is True:
-            found[channel][sample] = row
-    sweeps, images = found[LIDAR_CHANNEL], found[camera]
+        if channel in rows_by_channel and sample in samples and row.at("is_key_frame").value is True:
+            rows_by_channel[channel][sample] = row
+    sweeps, images = rows_by_channel[LIDAR_CHANNEL], rows_by_channel[camera]
     both = [(sweeps[sample], images[sample]) for sample in sweeps if sample in images]
     if not both:
         raise InputError(
@@ -164,7 +164,7 @@ def _sensor_poses(tables: Tables, rows: list[Node]) -> dict[str, Pose]:
 
     def poses(table: str) -> dict[str, Pose]:
         tokens = {text(row, f"{table}_token") for row in rows}
-        return {token: _pose(row) for token, row in tables.chosen(table, tokens).items()}
+        return {token: _pose(row) for token, row in tables.rows_with(table, tokens).items()}
 
     T_ego_sensor, T_world_ego = poses("calibrated_sensor"), poses("ego_pose")
     return {

@@ -23,16 +23,16 @@ def read(request: Request) -> Recording:
     """
     folder = request.root
     if request.sequence is not None or not (folder / "calib.txt").exists():
-        known = [name for name in folders(folder) if (folder / name / "calib.txt").exists()]
-        folder /= pick("sequence", request.sequence, known, folder)
-    keyed, image = read_keyed(folder / "calib.txt"), files_by_stem(folder, ".png", ".jpg").get("calib")
+        names = [name for name in folders(folder) if (folder / name / "calib.txt").exists()]
+        folder /= pick("sequence", request.sequence, names, folder)
+    lines, image = read_keyed(folder / "calib.txt"), files_by_stem(folder, ".png", ".jpg").get("calib")
     if image is None:
         raise InputError(f"{folder}: found neither calib.png nor calib.jpg, needed one of them")
     width, height = image_size(image)
     camera: dict[str, Any] = {"model": "plumb_bob", "width": width, "height": height}
-    camera |= {"K": keyed.at("K").matrix(3, 3).tolist(), "distortion": keyed.at("D").numbers(4, 5)}
+    camera |= {"K": lines.at("K").matrix(3, 3).tolist(), "distortion": lines.at("D").numbers(4, 5)}
     return Recording(
-        camera=camera_block(keyed.file, camera, {"distortion": "D"}),
+        camera=camera_block(lines.file, camera, {"distortion": "D"}),
         frames=[SourceFrame(name=folder.name, points=need_file(folder / "calib.pcd"), image=image)],
-        T_camera_lidar=from_line(keyed.at("T")),
+        T_camera_lidar=from_line(lines.at("T")),
     )

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar, get_origin
+from typing import Any, TypeAlias, TypeVar, get_origin
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,10 @@ class Cloud:
     """(N, 4) x, y, z in metres in the LiDAR frame, and the intensity, 0 where unknown."""
     labels: npt.NDArray[np.uint32] | None
     """(N,) ids of the points; None without labels."""
+
+
+Guard: TypeAlias = Callable[[Callable[[], Cloud]], Callable[[], Cloud]]
+"""Wraps the function of a plugin's conversion, so that its errors name the plugin."""
 
 
 @dataclass(frozen=True)
@@ -112,11 +116,11 @@ class SourceFrame:
     @property
     def has_point_labels(self) -> bool:
         """Whether the points have labels, in a file of their own, in the cloud's or from the conversion."""
-        converted = isinstance(self.points, Conversion) and self.points.has_labels
-        return converted or self.cloud_has_labels or self.point_labels is not None
+        has_converted_labels = isinstance(self.points, Conversion) and self.points.has_labels
+        return has_converted_labels or self.cloud_has_labels or self.point_labels is not None
 
 
-def joined(
+def join_frames(
     clouds: Mapping[str, Path | Conversion],
     *,
     missing: str,
@@ -137,7 +141,7 @@ def joined(
     frames = []
     for name, points in clouds.items():
         keys: tuple[str | int, ...] = (name, int(name)) if name.isdecimal() else (name,)
-        fields = {field: found[key] for field, found in values.items() for key in keys if key in found}
+        fields = {field: column[key] for field, column in values.items() for key in keys if key in column}
         if fields.keys() & set(needs):
             frames.append(SourceFrame(name, points, **fields))
     if not frames:
@@ -173,51 +177,49 @@ class Recording:
     """Placeholder of the values of --point-labels and --image-labels in messages; None if `semcal label` makes them."""
 
 
-def checked_recording(
-    recording: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]
-) -> Recording:
-    """Check a recording whose types no type checker has seen.
+def check_recording(recording: object, guard: Guard) -> Recording:
+    """Check a recording whose types no type checker checked.
 
     Args:
         recording: What the function of a plugin returned.
-        guarded: Wraps the function of a conversion, which runs later.
+        guard: Wraps the function of a conversion, which runs later.
 
     Raises:
         TypeError: something is of another type, or a number is not finite.
         ValueError: there is no frame.
     """
-    found = _checked("", recording, Recording)
+    valid = _check_fields("", recording, Recording)
     for key in ("camera", "lidar", "motion"):
-        if (block := getattr(found, key)) is not None:
+        if (block := getattr(valid, key)) is not None:
             _check_block(key, block)
-    if not found.frames:
+    if not valid.frames:
         raise ValueError("frames: found none, needed at least one")
-    return replace(found, frames=[_checked_frame(*each, guarded) for each in enumerate(found.frames)])
+    return replace(
+        valid, frames=[_check_frame(index, frame, guard) for index, frame in enumerate(valid.frames)]
+    )
 
 
-def _checked_frame(
-    index: int, frame: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]
-) -> SourceFrame:
-    found = _checked(f"frames[{index}]", frame, SourceFrame)
-    if not isinstance(found.points, Conversion):
-        return found
-    make = _checked(f"frames[{index}].points", found.points, Conversion).cloud
-    cloud = guarded(lambda: _checked("cloud", make(), Cloud))
-    return replace(found, points=replace(found.points, cloud=cloud))
+def _check_frame(index: int, frame: object, guard: Guard) -> SourceFrame:
+    valid = _check_fields(f"frames[{index}]", frame, SourceFrame)
+    if not isinstance(valid.points, Conversion):
+        return valid
+    make = _check_fields(f"frames[{index}].points", valid.points, Conversion).cloud
+    cloud = guard(lambda: _check_fields("cloud", make(), Cloud))
+    return replace(valid, points=replace(valid.points, cloud=cloud))
 
 
-def _checked(where: str, value: object, kind: type[Kind]) -> Kind:
+def _check_fields(where: str, value: object, kind: type[Kind]) -> Kind:
     """Check the class of an object, and its fields against the annotations of the class."""
     if not isinstance(value, kind):
         raise TypeError(f"{where}: found {describe(value)}, needed a {kind.__name__}".removeprefix(": "))
     of_kind: type = kind
     for key, about in settings_of(of_kind, with_others=True).items():
-        if not about.allows(found := getattr(value, key)):
-            if isinstance(found, tuple) and get_origin(about.kind) is tuple:
-                index = [about.entry.allows(each) for each in found].index(False)
-                key, found, about = f"{key}[{index}]", found[index], about.entry
-            needed = about.needed(found) + " or None" * about.is_optional
-            raise TypeError(f"{where}.{key}: found {describe(found)}, needed {needed}".removeprefix("."))
+        if not about.allows(content := getattr(value, key)):
+            if isinstance(content, tuple) and get_origin(about.kind) is tuple:
+                index = [about.entry.allows(entry) for entry in content].index(False)
+                key, content, about = f"{key}[{index}]", content[index], about.entry
+            needed = about.needed(content) + " or None" * about.is_optional
+            raise TypeError(f"{where}.{key}: found {describe(content)}, needed {needed}".removeprefix("."))
     return value
 
 

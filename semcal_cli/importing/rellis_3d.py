@@ -18,7 +18,7 @@ from semcal_cli.formats.lenses import intrinsic_matrix
 from semcal_cli.formats.node import camera_block, parse_numbers, pick, rigid
 from semcal_cli.importing.dataset_tree import files_by_stem, folders, read_speeds
 from semcal_cli.importing.ontologies import read_ontology
-from semcal_cli.importing.recording import Recording, Request, joined
+from semcal_cli.importing.recording import Recording, Request, join_frames
 
 CAMERA = "pylon_camera_node"
 WIDTH, HEIGHT = 1920, 1200
@@ -41,7 +41,7 @@ def read(request: Request) -> Recording:
     clouds = files_by_stem(folder / "os1_cloud_node_kitti_bin", ".bin")
     images = _by_number(folder / CAMERA, ".jpg", ".png")
     label_images = _by_number(folder / f"{CAMERA}_label_id", ".png")
-    frames = joined(
+    frames = join_frames(
         clouds,
         needs=("image", "image_labels"),
         point_labels=files_by_stem(
@@ -75,11 +75,11 @@ def _by_number(folder: Path, *suffixes: str) -> dict[str, tuple[Path, float]]:
     """List images and their stamps, seconds, by the six digits of their names, which are the names of the sweeps."""
     files = {}
     for path in files_by_stem(folder, *suffixes, is_needed=False).values():
-        found = IMAGE_NAME.fullmatch(path.stem)
-        if not found:
+        match = IMAGE_NAME.fullmatch(path.stem)
+        if not match:
             raise InputError(
                 f"{path}: found name {path.stem!r}, needed one such as frame000104-1581624663_149"
             )
-        number, seconds, milliseconds = found.groups()
+        number, seconds, milliseconds = match.groups()
         files[number] = path, int(seconds) + int(milliseconds) / 1000.0
     return files

@@ -43,10 +43,10 @@ SIGMA = {"linear_m_s": 0.1, "angular_rad_s": 0.01}
 0.4 s on three drives of KITTI raw, and less on synthetic streets (`tests/benchmarks/odometry.py`)."""
 DOUBTFUL_NS = NS // 2
 """Time before and after a doubtful sweep in which no pose is trusted."""
-LEAST_SHARE = 0.07
+MIN_SHARE = 0.07
 """Smallest share of a sweep's constraints along any direction. It is 0.04 between endless smooth walls, and 0.12 to
 0.24 in KITTI's streets, also in a traffic jam, and in synthetic ones."""
-CELL_M, ROUGH_M, LEAST_POINTS = 2.0, 0.1, 8
+CELL_M, ROUGH_M, MIN_CELL_POINTS = 2.0, 0.1, 8
 """Side of the cells whose shapes are measured, roughness below which a surface is flat, and fewest points of a cell."""
 
 
@@ -63,7 +63,7 @@ def estimator() -> str:
     return f"KISS-ICP {version('kiss-icp')}"
 
 
-def covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
+def are_covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
     """Whether poses with these ascending stamps lie close before and after each of the moments."""
     places = [bisect_left(stamps_ns, moment) for moment in moments_ns]
     return all(
@@ -77,7 +77,7 @@ def tum_text(poses: Mapping[int, Pose]) -> str:
     lines = []
     for stamp_ns, T in poses.items():
         numbers = [*T[:3, 3], *quaternion_xyzw(T)]
-        lines.append(" ".join([seconds_text(stamp_ns), *(f"{each:.12g}" for each in numbers)]))
+        lines.append(" ".join([seconds_text(stamp_ns), *(f"{number:.12g}" for number in numbers)]))
     return "\n".join(lines) + "\n"
 
 
@@ -131,14 +131,14 @@ class Odometry:
         Each stretch without gaps gets one more pose before its first sweep and after its last, as if the motion went
         on: the points of these sweeps reach beyond the moments of their poses.
         """
-        whole: dict[int, Pose] = {}
+        all_poses: dict[int, Pose] = {}
         for stretch in self._stretches:
             if len(stretch) > 1:
                 poses = list(stretch.items())
-                whole |= dict([_continued(poses[2::-1]), *poses, _continued(poses[-3:])])
+                all_poses |= dict([_extrapolate(poses[2::-1]), *poses, _extrapolate(poses[-3:])])
         return {
             stamp: T
-            for stamp, T in whole.items()
+            for stamp, T in all_poses.items()
             if all(abs(stamp - doubtful) > DOUBTFUL_NS for doubtful in self.doubtful_ns)
         }
 
@@ -151,7 +151,7 @@ class Odometry:
     def _begin_motion(self, first: _Sweep, second: _Sweep) -> None:
         """Register the first two sweeps repeatedly: the motion between them deskews both."""
         self._first = None
-        found = []
+        motions = []
         for start in ([0.0] * 6, _best_speed(first, second)):
             self._twist_per_s = start
             for _ in range(WARM_UPS):
@@ -159,8 +159,10 @@ class Odometry:
                 self._kiss.last_pose = self._last_pose
                 self._register(first, 0)
                 self._twist_per_s = self._register(second, second.moment_ns - first.moment_ns)
-            found.append((_overlap(first, second, self._twist_per_s), self._kiss, self._twist_per_s))
-        (other, _, twist), (best, self._kiss, self._twist_per_s) = sorted(found, key=lambda each: each[0])
+            motions.append((_overlap(first, second, self._twist_per_s), self._kiss, self._twist_per_s))
+        (other, _, twist), (best, self._kiss, self._twist_per_s) = sorted(
+            motions, key=lambda motion: motion[0]
+        )
         if _jumps(twist, self._twist_per_s) and best - other < CLEAR_OVERLAP:
             self._doubt(second)
         self._keep(second, self._kiss.last_pose)
@@ -186,7 +188,7 @@ class Odometry:
         motion, before = core.Trajectory.constant(self._twist_per_s, 0.0), self._kiss.last_pose
         self._kiss.last_delta = displacement(motion, 0.0, step_ns / NS)
         points = motion.compensate(sweep.points, sweep.times_s, 0.0).astype(np.float64)
-        if shares(points)[0][0] < LEAST_SHARE:
+        if constraint_shares(points)[0][0] < MIN_SHARE:
             self._doubt(sweep)
         self._kiss.register_frame(points, np.empty(0))
         if step_ns == 0:
@@ -194,7 +196,9 @@ class Odometry:
         return twist_from(before, self._kiss.last_pose, step_ns / NS)
 
 
-def shares(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def constraint_shares(
+    points: npt.NDArray[np.float64],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Measure how well a sweep constrains its position along each direction.
 
     A surface constrains it along its normal. All cells with a surface have the same weight; the covariance of their
@@ -217,14 +221,14 @@ def shares(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], np
     covariances = (
         np.moveaxis(np.array(products), -1, 0) / counts[:, None, None] - mean[:, :, None] * mean[:, None]
     )
-    variances, axes = np.linalg.eigh(covariances[counts >= LEAST_POINTS])
+    variances, axes = np.linalg.eigh(covariances[counts >= MIN_CELL_POINTS])
     is_surface = variances[:, 1] > 2.0 * ROUGH_M**2
     variances, axes = variances[is_surface], axes[is_surface]
     if not len(variances):
         return np.zeros(3), np.eye(3)
-    told = 1.0 / (variances + ROUGH_M**2)
-    told /= told.sum(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("nia,na,nja->ij", axes, told, axes) / len(told))
+    weights = 1.0 / (variances + ROUGH_M**2)
+    weights /= weights.sum(axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(np.einsum("nia,na,nja->ij", axes, weights, axes) / len(weights))
     return values, vectors
 
 
@@ -236,7 +240,7 @@ def _best_speed(first: _Sweep, second: _Sweep) -> list[float]:
     Returns:
         A twist (6,) per second.
     """
-    _, axes = shares(first.points.astype(np.float64))
+    _, axes = constraint_shares(first.points.astype(np.float64))
     twists = [[*(speed_m_s * axes[:, 0]), 0.0, 0.0, 0.0] for speed_m_s in SPEEDS_M_S]
     return max(twists, key=lambda twist: _overlap(first, second, twist))
 
@@ -246,7 +250,9 @@ def _overlap(first: _Sweep, second: _Sweep, twist_per_s: Sequence[float]) -> flo
     motion, seconds = core.Trajectory.constant(twist_per_s, 0.0), (second.moment_ns - first.moment_ns) / NS
     before = motion.compensate(first.points, first.times_s, 0.0)
     after = motion.compensate(second.points, second.times_s + seconds, 0.0)
-    keys = [np.floor(each / OVERLAP_M).astype(np.int64) @ [1, 1 << 20, 1 << 40] for each in (before, after)]
+    keys = [
+        np.floor(points / OVERLAP_M).astype(np.int64) @ [1, 1 << 20, 1 << 40] for points in (before, after)
+    ]
     return float(np.isin(keys[1], keys[0]).mean()) if len(keys[1]) else 0.0
 
 
@@ -280,11 +286,11 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     stamps_s, moments_s = dict[str, float](), dict[str, list[float]]()
     for frame in drive.frames:
         if frame.points_stamp is None:
-            found = f"{drive.path}: {frame.key('points_stamp')}: found nothing"
-            raise InputError(f"{found}, needed the time of the sweep for odometry")
+            problem = f"{drive.path}: {frame.key('points_stamp')}: found nothing"
+            raise InputError(f"{problem}, needed the time of the sweep for odometry")
         stamps_s.setdefault(frame.points, frame.points_stamp)
         moments_s.setdefault(frame.points, []).append(frame.image_stamp or frame.points_stamp)
-    ordered = sorted(stamps_s.items(), key=lambda each: each[1])
+    ordered = sorted(stamps_s.items(), key=lambda item: item[1])
     for number, (name, stamp_s) in enumerate(ordered, start=1):
         on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
         (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points)
@@ -296,16 +302,18 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     poses = odometry.poses()
     gaps_s = np.diff([stamp_s for _, stamp_s in ordered])
     if not poses or np.median(gaps_s) > MAX_GAP_NS / NS:
-        found = f"found {counted(len(ordered), 'sweep')}" + (
+        problem = f"found {counted(len(ordered), 'sweep')}" + (
             f", {np.median(gaps_s):.3g} s apart" if len(gaps_s) else ""
         )
         needed = f"needed consecutive ones, at most {MAX_GAP_NS / NS:g} s apart"
         raise InputError(
-            f"{drive.path}: {found}, {needed}; `import bag --odometry` reads all sweeps of a recording"
+            f"{drive.path}: {problem}, {needed}; `import bag --odometry` reads all sweeps of a recording"
         )
     stamps = list(poses)
     uncovered = [
-        name for name, _ in ordered if not covered(stamps, [round(each * NS) for each in moments_s[name]])
+        name
+        for name, _ in ordered
+        if not are_covered(stamps, [round(moment_s * NS) for moment_s in moments_s[name]])
     ]
     return DriveMotion(poses, odometry.doubtful_ns, uncovered, "absolute" if is_absolute else "relative")
 
@@ -323,7 +331,7 @@ def _sweep(points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | N
     return _Sweep(points, times_s - middle_s, stamp_ns + round(middle_s * NS))
 
 
-def _continued(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
+def _extrapolate(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
     """Extrapolate by one step, forward or backward, the motion through two or three poses with their times."""
     (start_ns, start), (before_ns, _), (end_ns, end) = poses[0], poses[-2], poses[-1]
     step_ns = max(-MAX_GAP_NS // 2, min(end_ns - before_ns, MAX_GAP_NS // 2))

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.labelling.card import CloudCard, PointCard
 from semcal_cli.labelling.model import Model
 
@@ -20,7 +20,7 @@ class CloudLabeller:
         """Take a network with its card."""
         self.model = model
 
-    def ids(self, cloud: Cloud) -> npt.NDArray[np.uint16]:
+    def ids(self, cloud: SweepCloud) -> npt.NDArray[np.uint16]:
         """Label the points of a sweep.
 
         Returns:
@@ -37,7 +37,7 @@ class CloudLabeller:
         (output,) = network.run(tensors, self.model.outputs).values()
         return self._ids(output, len(cloud.points))
 
-    def tensor(self, cloud: Cloud) -> npt.NDArray[np.float32]:
+    def tensor(self, cloud: SweepCloud) -> npt.NDArray[np.float32]:
         """Make the network's input (N, C) from the points."""
         card = self.model.card
         columns = [channel_values(cloud, channel, self.model) for channel in card.channels]
@@ -61,7 +61,7 @@ class CloudLabeller:
 
 
 def channel_values(
-    cloud: Cloud, channel: str, model: Model[PointCard] | Model[CloudCard]
+    cloud: SweepCloud, channel: str, model: Model[PointCard] | Model[CloudCard]
 ) -> npt.NDArray[Any]:
     """Compute a channel of a network's input for each point (N,), before normalisation.
 

@@ -18,7 +18,7 @@ from semcal_cli import core
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.networks import LabelNetwork
 from semcal_cli.errors import InputError, about
-from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.image_files import read_image
 from semcal_cli.files.input_files import hash_file
 from semcal_cli.labelling.card import ImageCard
@@ -161,7 +161,7 @@ def _point_side(
     classes: ClassIds,
     ignore: tuple[int, ...],
     settings: Mapping[str, object],
-    label_points: Callable[[Cloud], npt.NDArray[Any]],
+    label_points: Callable[[SweepCloud], npt.NDArray[Any]],
     *,
     no_return: int,
 ) -> LabelSide:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.labelling.card import CloudCard, NeighborsConfig, PointCard
 from semcal_cli.labelling.cloud_labeller import CloudLabeller, channel_values
 from semcal_cli.labelling.model import Model, card_of, cloud_model, point_model
@@ -40,7 +40,7 @@ class SweepLabeller:
         )
         self.view = core.RangeView(card.rows, card.columns, elevations, azimuths, card.outside == "clamp")
 
-    def ids(self, cloud: Cloud) -> npt.NDArray[np.uint16]:
+    def ids(self, cloud: SweepCloud) -> npt.NDArray[np.uint16]:
         """Label the points of a sweep.
 
         Returns:
@@ -60,7 +60,7 @@ class SweepLabeller:
         neighbors = card.neighbors or OWN_PIXEL
         return self.view.carry_back(projection, cloud.points, pixels, neighbors)
 
-    def tensor(self, cloud: Cloud, points: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
+    def tensor(self, cloud: SweepCloud, points: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
         """Make the network's input (1, C, rows, columns) from the index of the point in each pixel (P,)."""
         card = self.model.card
         is_filled = points != core.NO_PIXEL

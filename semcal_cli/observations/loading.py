@@ -16,11 +16,11 @@ from semcal_cli.config import (
     RefinementConfig,
     check_config,
 )
-from semcal_cli.drive.camera import Camera, stating
+from semcal_cli.drive.camera import Camera, with_sigma
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.cue_table import choose_frames, chosen, files_of, load_cues, maximised
 from semcal_cli.observations.motion import unrolled
@@ -148,7 +148,7 @@ def load(
     drive: LoadedDrive | Drive | Path | str,
     config: CalibrationConfig | None = None,
     on_event: Listener = ignore,
-    sweeps: Sweeps | None = None,
+    sweeps: SweepCache | None = None,
 ) -> LoadedDrive:
     """Read the frames of a drive that are used; a loaded drive stays as it is.
 
@@ -165,13 +165,13 @@ def load(
             raise InputError(
                 f"{drive.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
             )
-        return drive.with_camera(stating(drive.drive.camera, config.refinement.jointly)).with_settings(
+        return drive.with_camera(with_sigma(drive.drive.camera, config.refinement.jointly)).with_settings(
             config.refinement
         )
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
-    whole = whole.model_copy(update={"camera": stating(whole.camera, config.refinement.jointly)})
+    whole = whole.model_copy(update={"camera": with_sigma(whole.camera, config.refinement.jointly)})
     on_event(Progress(f"choosing from {len(whole.frames)} frames"))
-    sweeps = sweeps or Sweeps()
+    sweeps = sweeps or SweepCache()
     cues = chosen(config.cues, whole, sweeps)
     used = choose_frames(whole, cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))

@@ -18,7 +18,7 @@ from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.errors import InputError, counted
-from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.arrays import Array, Pose
 from semcal_cli.geometry.poses import orthonormal, pose_from_quaternion
@@ -53,7 +53,7 @@ class Compensated(NamedTuple):
     """Whether the points have no times, so that the sweep was moved as a whole from `points_stamp` to that moment."""
 
 
-def compensated(drive: Drive, clouds: Sequence[Cloud]) -> list[Compensated]:
+def compensated(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Compensated]:
     """Compensate the motion of the LiDAR in the sweep of each frame (see `rust/motion.rs`).
 
     Points stay where they are if the drive has no motion with a direction. A cloud without times is taken as
@@ -133,7 +133,7 @@ def _steady(motion: Motion, moment_s: float) -> core.Trajectory:
     return core.Trajectory.constant((*twist.linear_m_s, *twist.angular_rad_s), moment_s)
 
 
-def motion_error_px(drive: Drive, clouds: Sequence[Cloud]) -> float | None:
+def motion_error_px(drive: Drive, clouds: Sequence[SweepCloud]) -> float | None:
     """Estimate the median displacement of the points, in pixels, by a motion that is not compensated.
 
     Without stamps that match the point times, the image is assumed to be taken in the middle of the sweep. The rotation
@@ -162,12 +162,12 @@ def motion_error_px(drive: Drive, clouds: Sequence[Cloud]) -> float | None:
     return float(np.median(np.concatenate(shifts_px))) * core_camera(drive.camera).pixels_per_radian
 
 
-def have_times(clouds: Sequence[Cloud]) -> bool:
+def have_times(clouds: Sequence[SweepCloud]) -> bool:
     """Whether points have times that tell that a sweep took a while: a rig that moves meanwhile smears it."""
     return any(cloud.time is not None and np.ptp(cloud.time) >= MIN_SWEEP_S for cloud in clouds)
 
 
-def _times(drive: Drive, motion: Motion, frame: Frame, cloud: Cloud) -> npt.NDArray[np.float64]:
+def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> npt.NDArray[np.float64]:
     """Give the time of each point (N,), in seconds on the clock of the stamps."""
     path = drive.resolve(frame.points)
     if frame.points_stamp is None:

@@ -14,9 +14,9 @@ from semcal_cli import core
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.held_arrays import HeldArrays
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.array_forms import MAX_ID, Cloud, Labels, cloud_of, image_of, labels_of
+from semcal_cli.files.array_forms import MAX_ID, Labels, SweepCloud, cloud_of, image_of, labels_of
 from semcal_cli.files.image_files import read_image
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.observations.motion import Compensated, compensated, have_times, motion_error_px
 from semcal_cli.observations.observations import (
     NO_CLASS,
@@ -77,7 +77,7 @@ def class_table(
     return ClassTable(tuple(present), lookup)
 
 
-def load_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
+def load_observations(drive: Drive, sweeps: SweepCache | None = None) -> Observations:
     """Load all frames of a drive, in parallel, and mend isolated pixels; `sweeps` are not read again.
 
     Raises:
@@ -87,7 +87,7 @@ def load_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
     return mend(read_observations(drive, sweeps))
 
 
-def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
+def read_observations(drive: Drive, sweeps: SweepCache | None = None) -> Observations:
     """Load all frames of a drive, in parallel, with unchanged labels.
 
     Raises:
@@ -106,7 +106,7 @@ def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
     return make_observations(drive, clouds, moved, labelled, images, (point_table.names, image_names))
 
 
-def check_labelled(drive: Drive, clouds: Sequence[Cloud]) -> None:
+def check_labelled(drive: Drive, clouds: Sequence[SweepCloud]) -> None:
     """Check that all frames have image labels and point labels.
 
     Raises:
@@ -119,7 +119,7 @@ def check_labelled(drive: Drive, clouds: Sequence[Cloud]) -> None:
 
 def make_observations(
     drive: Drive,
-    clouds: Sequence[Cloud],
+    clouds: Sequence[SweepCloud],
     moved: Sequence[Compensated],
     labelled: Sequence[LabelledCloud],
     images: Sequence[LabelledImage],
@@ -272,16 +272,16 @@ def mend(observations: Observations) -> Observations:
     return replace(observations.with_images(images), speckle=num_mended / num_pixels)
 
 
-def read_clouds(drive: Drive, sweeps: Sweeps | None = None) -> list[Cloud]:
+def read_clouds(drive: Drive, sweeps: SweepCache | None = None) -> list[SweepCloud]:
     """Read the sweeps of all frames, in parallel, with labels where there are any.
 
     Raises:
         InputError: a file is missing or is not what its name says.
     """
-    sweeps, arrays = Sweeps() if sweeps is None else sweeps, drive.arrays
+    sweeps, arrays = SweepCache() if sweeps is None else sweeps, drive.arrays
     if arrays is not None:
         keys = [((arrays, frame.points), frame.point_labels) for frame in drive.frames]
-        return sweeps.taken(
+        return sweeps.get(
             keys, drive.frames, lambda frames: [_cloud_of_arrays(arrays, each) for each in frames]
         )
     labels = [drive.resolve(f.point_labels) if f.point_labels else None for f in drive.frames]
@@ -289,14 +289,14 @@ def read_clouds(drive: Drive, sweeps: Sweeps | None = None) -> list[Cloud]:
     return sweeps.read(list(zip(points, labels, strict=True)), drive.max_points)
 
 
-def _cloud_of_arrays(arrays: HeldArrays, frame: Frame) -> Cloud:
+def _cloud_of_arrays(arrays: HeldArrays, frame: Frame) -> SweepCloud:
     held, labels = arrays.by_name, frame.point_labels
     times = next(iter(arrays.times_of(frame.points).values()), None)
     of_labels = None if labels is None else (labels, held[labels])
     return cloud_of(frame.points, held[frame.points], times, of_labels)
 
 
-def _point_labels(drive: Drive, clouds: Sequence[Cloud]) -> list[Labels]:
+def _point_labels(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Labels]:
     labels = [cloud.labels if cloud.label_shares is None else cloud.label_shares for cloud in clouds]
     found = [each for each in labels if each is not None]
     if len(found) < len(clouds):

@@ -13,7 +13,7 @@ from semcal_cli.config import AUTO, MAX_FRAMES, RefinementConfig
 from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import InputError, listed
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.cue_table import choose_frames, chosen, load_cues, maximised
@@ -138,7 +138,7 @@ def make_report_input(
         ]
         changes = (*before.changes, *changes)
     # Only the first cue that refined the pose is read: pixels of one cue share no information with points of another.
-    sweeps = Sweeps()
+    sweeps = SweepCache()
     cues = cues_applied(record, AUTO, drive, with_features=True)
     cues = maximised(chosen(cues, drive, sweeps))[:1]
     used_drive = used_drive or choose_frames(drive, cues, MAX_FRAMES)

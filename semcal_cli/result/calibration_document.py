@@ -12,7 +12,7 @@ from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, mismatch
 from semcal_cli.files.array_forms import POINTS, check_array
-from semcal_cli.files.documents import Format, document_text, output_format, read_document
+from semcal_cli.files.documents import DocumentFormat, document_text, output_format, read_document
 from semcal_cli.files.output_files import write_text
 from semcal_cli.files.validation import (
     StatedTransform,
@@ -246,7 +246,7 @@ def with_estimates(drive: Drive, camera: Camera | None, time_offset_s: float | N
     return drive.model_copy(update=changes)
 
 
-def calibration_text(calibration: CalibrationDocument, format: Format) -> str:
+def calibration_text(calibration: CalibrationDocument, format: DocumentFormat) -> str:
     """Format a calibration as YAML or JSON; the same calibration gives the same bytes."""
     return document_text(calibration.model_dump(), format)
 

@@ -16,9 +16,9 @@ from semcal_cli.files.validation import (
     Count,
     Figure,
     FileName,
+    RigidTransform,
     Share,
     StrictModel,
-    Transform,
     Vector3,
     Width,
     Widths,
@@ -109,7 +109,7 @@ class Quality(StrictModel):
 class Stage(StrictModel):
     """Result of one stage of the pipeline."""
 
-    T_camera_lidar: Transform
+    T_camera_lidar: RigidTransform
     """Transform after the stage, p_camera = T_camera_lidar * p_lidar, in metres."""
     mutual_information_nats: Figure
     """Mutual information at this transform, as the plug-in estimate."""
@@ -133,7 +133,7 @@ class HeldOut(StrictModel):
 class Hypothesis(StrictModel):
     """Pose that the initial calibration found."""
 
-    T_camera_lidar: Transform
+    T_camera_lidar: RigidTransform
     """Transform of the hypothesis, p_camera = T_camera_lidar * p_lidar, in metres."""
     mutual_information_nats: Figure
     """Mutual information at this transform over all frames in full resolution, as the plug-in estimate."""
@@ -212,7 +212,7 @@ class DrivePart(StrictModel):
     """Point cloud of the last frame."""
     num_frames: Annotated[int, Field(ge=1)]
     """Number of frames."""
-    T_camera_lidar: Transform
+    T_camera_lidar: RigidTransform
     """Transform that these frames fit, p_camera = T_camera_lidar * p_lidar, in metres."""
     moved: Movement | None = None
     """Movement of the camera since the previous part; null in the first part."""

@@ -14,7 +14,7 @@ from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.image_files import write_image
-from semcal_cli.geometry.arrays import Classes
+from semcal_cli.geometry.arrays import ClassIds
 from semcal_cli.synthetic.label_noise import mislabel
 from semcal_cli.synthetic.street_motion import (
     IMAGE_LABELS,
@@ -40,7 +40,7 @@ TIMED_FIELDS = ("x", "y", "z", "intensity", "time")
 
 
 @dataclass(frozen=True)
-class Written:
+class FrameSummary:
     """Summary of a written frame."""
 
     num_points: int
@@ -51,7 +51,7 @@ class Written:
 
 def write_frame(
     config: SynthConfig, renderer: core.Renderer, out: Path, sweeps: str | None, camera: int, number: int
-) -> Written:
+) -> FrameSummary:
     """Render a frame and write its files; the sweep only if no other camera's drive has it (see `synthesize`).
 
     Raises:
@@ -61,7 +61,7 @@ def write_frame(
     labels, image_labels = frame.point_labels, frame.image_labels
     path = {folder: out / name for folder, name in file_names(config, number).items()}
     if sweeps is None:
-        with written_below(out):
+        with name_folder_in_errors(out):
             path["points"].write_bytes(_cloud(config, frame))
             _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
     # The label noise differs between cameras.
@@ -70,10 +70,10 @@ def write_frame(
     write_image(image_ids(config)[noisy], path["image_labels"])
     write_image(frame.image_rgb[..., ::-1], path["images"])
     classes = np.union1d(labels & 0xFFFF, image_labels)
-    return Written(len(labels), frozenset(classes.tolist()))
+    return FrameSummary(len(labels), frozenset(classes.tolist()))
 
 
-def image_ids(config: SynthConfig) -> Classes:
+def image_ids(config: SynthConfig) -> ClassIds:
     """Make the table (256,) that maps ids of the synthetic classes to those of the label images."""
     table = np.arange(256, dtype=np.uint8)
     if config.ontology == "disjoint":
@@ -83,7 +83,7 @@ def image_ids(config: SynthConfig) -> Classes:
     return table
 
 
-def class_ids() -> Classes:
+def class_ids() -> ClassIds:
     """List the ids of the synthetic classes."""
     return np.array([id_ for id_, _ in core.synthetic_classes()], dtype=np.uint8)
 
@@ -108,7 +108,7 @@ def file_names(config: SynthConfig, number: int) -> dict[str, str]:
 
 
 @contextmanager
-def written_below(out: Path) -> Iterator[None]:
+def name_folder_in_errors(out: Path) -> Iterator[None]:
     """Name the folder of a drive in the error if a file in it cannot be written."""
     try:
         yield

@@ -65,8 +65,8 @@ def check_motion(config: SynthConfig) -> None:
                 f"{option}: found {value:g}, needed --motion steady or mixed, without which it has no effect"
             )
     if config.readout_direction != SynthConfig.readout_direction and config.readout_ms == 0.0:
-        found = f"--readout-direction: found {config.readout_direction}"
-        raise InputError(f"{found}, needed --readout-ms, without which it has no effect")
+        problem = f"--readout-direction: found {config.readout_direction}"
+        raise InputError(f"{problem}, needed --readout-ms, without which it has no effect")
 
 
 def vehicle_motion(config: SynthConfig, number: int) -> VehicleMotion | None:
@@ -112,7 +112,7 @@ def poses_text(config: SynthConfig) -> str:
 
 
 def stamps(config: SynthConfig, number: int) -> dict[str, float]:
-    """Give the stamps of a frame's sweep and image, in seconds; none for a rig that stands still."""
+    """Return the stamps of a frame's sweep and image, in seconds; none for a rig that stands still."""
     if config.motion == "none":
         return {}
     points_stamp = FIRST_STAMP_S + FRAME_S * number

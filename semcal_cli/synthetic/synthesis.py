@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import core
-from semcal_cli.config.synthetic import SYNTH_MIN_BASELINE_M, Lens, SynthConfig
+from semcal_cli.config.synthetic import SYNTH_MIN_BASELINE_M, SynthConfig, SynthLens
 from semcal_cli.drive.camera import Camera, CameraModel, core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import InputError
@@ -26,8 +26,8 @@ from semcal_cli.synthetic.frame_files import (
     SWEEP_FOLDERS,
     UNLABELED,
     frame_document,
+    name_folder_in_errors,
     write_frame,
-    written_below,
 )
 from semcal_cli.synthetic.street_motion import (
     MOUNTING,
@@ -43,7 +43,7 @@ CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
 """Maximum coordinates of a randomly mounted camera in the LiDAR frame, in both directions."""
 
 # Model, distortion in OpenCV's order, horizontal field of view. Each lens is monotone over its field of view.
-LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
+LENSES: dict[SynthLens, tuple[CameraModel, tuple[float, ...], float]] = {
     "standard": ("plumb_bob", (0.0, 0.0, 0.0, 0.0, 0.0), 90.0),
     "narrow": ("plumb_bob", (-0.12, 0.05, 0.0008, -0.0005, 0.0), 35.0),
     "wide": ("rational_polynomial", (0.4, 0.02, 0.0005, -0.0003, 0.0, 0.62, 0.06, 0.0), 100.0),
@@ -51,7 +51,7 @@ LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
     "omnidirectional": ("omnidirectional", (-0.05, 0.01, 0.0005, -0.0003), 190.0),
     "equirectangular": ("equirectangular", (), 360.0),
 }
-LENS_PARAMETERS: dict[Lens, dict[str, float]] = {"omnidirectional": {"xi": 1.2}}
+LENS_PARAMETERS: dict[SynthLens, dict[str, float]] = {"omnidirectional": {"xi": 1.2}}
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def synthesize(
     T_camera_lidar = mounting(config)
     renderer = make_renderer(config, T_camera_lidar)
     _check_empty(out, force)
-    with written_below(out):
+    with name_folder_in_errors(out):
         for folder in IMAGE_FOLDERS if sweeps else SWEEP_FOLDERS + IMAGE_FOLDERS:
             (out / folder).mkdir(parents=True, exist_ok=True)
         (out / DRIVE_FILE).unlink(missing_ok=True)
@@ -144,7 +144,7 @@ def synthesize_rig(
     """
     check_motion(config)
     _check_empty(out, force)
-    with written_below(out):
+    with name_folder_in_errors(out):
         (out / RIG_FILE).unlink(missing_ok=True)
     rig_seed = config.seed if config.rig_seed is None else config.rig_seed
     first_deg = config.camera_azimuth_deg or 0.0
@@ -157,9 +157,9 @@ def synthesize_rig(
 
     for index, name in enumerate(names):
         azimuth_deg = (first_deg + 360.0 * index / num_cameras + 180.0) % 360.0 - 180.0
-        one = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
+        camera_config = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
         sweeps = f"../{names[0]}" if index else None
-        summary = synthesize(one, out / name, tell, force=force, sweeps=sweeps, camera=index)
+        summary = synthesize(camera_config, out / name, tell, force=force, sweeps=sweeps, camera=index)
         num_done += config.num_frames
     document = {"semcal_rig": 1, "cameras": {name: name for name in names}}
     write_text(document_text(document, "yaml"), out / RIG_FILE)
@@ -175,9 +175,11 @@ def mounting(config: SynthConfig) -> Pose:
     rig = config if config.rig_seed is None else replace(config, seed=config.rig_seed)
     rng = generator(rig, MOUNTING)
     azimuth, pitch, roll = rng.uniform((-180.0, -PITCH_DEG, -ROLL_DEG), (180.0, PITCH_DEG, ROLL_DEG))
-    asked = config.camera_azimuth_deg, config.camera_pitch_deg, config.camera_roll_deg
-    drawn = azimuth, pitch, roll
-    azimuth, pitch, roll = (one if other is None else other for one, other in zip(drawn, asked, strict=True))
+    angles = config.camera_azimuth_deg, config.camera_pitch_deg, config.camera_roll_deg
+    random_angles = azimuth, pitch, roll
+    azimuth, pitch, roll = (
+        one if other is None else other for one, other in zip(random_angles, angles, strict=True)
+    )
     return pose_from_mounting((roll, -pitch, azimuth), _camera_center(config, rng).tolist())
 
 
@@ -204,7 +206,7 @@ def make_camera(config: SynthConfig) -> Camera:
     return Camera.model_validate(document)
 
 
-def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
+def _width_at_unit_focal(lens: SynthLens, half_angle: float) -> float:
     """Compute the width of an image with focal length one that spans an angle to both sides of the optical axis."""
     model, distortion, _ = LENSES[lens]
     if model == "equirectangular":
@@ -243,7 +245,7 @@ def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
 
 
 def _check_empty(out: Path, force: bool) -> None:
-    with written_below(out):
+    with name_folder_in_errors(out):
         if not force and out.is_dir() and any(out.iterdir()):
             raise InputError(
                 f"{out}: the folder is not empty; name another folder, or write into it with --force"

@@ -18,6 +18,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from benchmark import OUTPUT, KeptTable, run_experiment, script
+from laboratory.label_errors import imitate_network, with_disjoint_ontologies, with_ragged_things
 from laboratory.rigs import RIGS, Case, Degrade, consecutive, row_cases, wrong
 
 from semcal_cli.config import EDGE_BAND_PX, Estimator, InitializationConfig, RefinementConfig
@@ -28,12 +29,11 @@ from semcal_cli.experiments.drives import Pool, calibrate_from
 from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.summary import ERRORS, NUMBER, Column, common, count, digits, measure_of, median
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.cues.cue_table import load_cues
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.reading import mend, read_observations
 from semcal_cli.pipeline import initialize
-from semcal_cli.synthetic.label_noise import as_by_a_network, with_disjoint_ontologies, with_ragged_things
 
 START_SEEDS = 2.5
 """Factor on the number of seeds for rows that start away from the truth."""
@@ -72,7 +72,7 @@ ROWS: dict[str, Row] = {
     "35-degree lens": Row(rig="narrow"),
     "100-degree lens": Row(rig="wide"),
     "disjoint ontologies": Row(degrade=with_disjoint_ontologies),
-    "network-like labels": Row(degrade=as_by_a_network, right=(0.36, 7.5)),
+    "network-like labels": Row(degrade=imitate_network, right=(0.36, 7.5)),
     "things dilated by 2 px": Row(degrade=_ragged(2)),
     "things eroded by 2 px": Row(degrade=_ragged(-2)),
     "start 5 degrees and 1 m off": Row(start=(5.0, 1.0)),
@@ -80,7 +80,7 @@ ROWS: dict[str, Row] = {
     "start 20 degrees and 0.5 m off": Row(start=(20.0, 0.5)),
     "segments, from nothing": SEGMENTS,
     "segments": SEGMENTS_OFF,
-    "segments, network-like labels": replace(SEGMENTS_OFF, degrade=as_by_a_network, right=(0.15, 3.0)),
+    "segments, network-like labels": replace(SEGMENTS_OFF, degrade=imitate_network, right=(0.15, 3.0)),
     "segments, 16 channels": replace(HARDER_SEGMENTS, rig="16_channels"),
     "segments, rosette pattern": replace(HARDER_SEGMENTS, rig="rosette"),
     "segments, 35-degree lens": replace(HARDER_SEGMENTS, rig="narrow"),
@@ -126,7 +126,7 @@ def run(pool: Pool, estimators: Sequence[Estimator], edge_band_px: int, case: Ca
     row, rng = ROWS[case.row], case.rng(ROWS)
     drive, truth = pool.read(row.rig, RIGS[row.rig], case.seed)
     data = _load(consecutive(drive, row.num_pairs, case.seed), row, rng)
-    initial_pose = None if row.start is None else InitialPose(displaced(truth, *row.start, rng), "off")
+    initial_pose = None if row.start is None else InitialPose(displace(truth, *row.start, rng), "off")
     initial = None
     results = []
     for estimator in estimators:

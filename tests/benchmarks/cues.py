@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from benchmark import script, street, summary
+from laboratory.label_errors import imitate_network
 from laboratory.rigs import RIGS
 
 from semcal_cli import core
@@ -31,12 +32,11 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import NUMBER, common, count, error_columns, median_and_worst
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.cues.cue_table import summed
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.pipeline import calibrate
-from semcal_cli.synthetic.label_noise import as_by_a_network
 
 START_DEG, START_M = 2.0, 0.2
 CUES = ("labels", "edges", "intensity", "labels,edges", "labels,intensity")
@@ -63,7 +63,7 @@ class Result(NamedTuple):
 
 def start(T: Pose, seed: int) -> InitialPose:
     """A pose that is off by the angle and the distance."""
-    return InitialPose(displaced(T, START_DEG, START_M, np.random.default_rng(seed)), "start")
+    return InitialPose(displace(T, START_DEG, START_M, np.random.default_rng(seed)), "start")
 
 
 def spreads(drive: Drive, T: Pose) -> str:
@@ -92,7 +92,7 @@ def spreads(drive: Drive, T: Pose) -> str:
 
 def by_a_network(data: LoadedDrive, rng: np.random.Generator) -> LoadedDrive:
     """Make the labels those of a network, and leave other cues as they are."""
-    labels = as_by_a_network(data.of_cue("labels"), rng)
+    labels = imitate_network(data.of_cue("labels"), rng)
     others = [data.of_cue(cue) for cue in data.cues if cue != "labels"]
     return replace(data, observations=reduce(summed, [labels, *others]))
 

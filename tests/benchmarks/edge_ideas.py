@@ -31,7 +31,7 @@ from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.cues.edges import EDGES, STARTS, observe_edges
 from semcal_cli.observations.cues.intensity import grey_values
 from semcal_cli.observations.frame_selection import with_frames
@@ -154,7 +154,7 @@ def measure(seen: Observations, T: Pose, num_starts: int) -> tuple[str, str, str
     pyramid, coarse = pyramid_of(STARTS), STARTS.coarse
     assert coarse is not None
     top = newton(seen, T, PolishConfig()).T_camera_lidar
-    starts = [displaced(T, START_DEG, START_M, np.random.default_rng(seed)) for seed in range(num_starts)]
+    starts = [displace(T, START_DEG, START_M, np.random.default_rng(seed)) for seed in range(num_starts)]
     ends = [
         refine_pose(seen, start, ExactEstimator(seen, coarse, 0), pyramid).T_camera_lidar for start in starts
     ]

@@ -30,7 +30,7 @@ from semcal_cli.experiments.pairs_and_noise import START_DEG, START_M
 from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, measure_of, median
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, cross_matrix
-from semcal_cli.geometry.twists import apply_twist, displaced
+from semcal_cli.geometry.twists import apply_twist, displace
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations
 
@@ -162,7 +162,7 @@ def run(pool: Pool, changes: Mapping[str, object], case: Case) -> list[Result]:
     """Maximise over the pyramid from a wrong start, on a drive with some changes to its `SynthConfig`."""
     drive, truth = pool.read("drive", {**changes, "num_frames": NUM_PAIRS}, case.seed)
     observations = load_observations(drive)
-    T = displaced(truth, START_DEG, START_M, np.random.default_rng(case.seed))
+    T = displace(truth, START_DEG, START_M, np.random.default_rng(case.seed))
     _ = observations.core
     start, num_evaluations = perf_counter(), 0
     for factor in pyramid_factors(drive.camera, PyramidConfig(coarsest_block_deg=FAR_DEG)):

@@ -25,7 +25,7 @@ from benchmark import script
 from fleets import line, series_of, write_summary
 
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 
 DESK, PHONE, TERMINAL = (1400, 900), (390, 844), (820, 600)
 QUALITY = 70
@@ -50,7 +50,7 @@ class Pictures:
         printed = self.run("calibrate", "drive", "-o", "calibration.yaml", "--report", "report.html")
         self.terminal("terminal", "semcal calibrate drive -o calibration.yaml --report report.html", printed)
         self.page("report", self.work / "report.html")
-        T_off = displaced(
+        T_off = displace(
             read_transform(self.work / "calibration.yaml"), OFF_DEG, OFF_M, np.random.default_rng(1)
         )
         (self.work / "stored.yaml").write_text(f"T_camera_lidar: {T_off.tolist()}\n")

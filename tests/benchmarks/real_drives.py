@@ -41,7 +41,7 @@ from semcal_cli.experiments.summary import (
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import calibrate
 
@@ -77,7 +77,7 @@ def run(end: End, data: LoadedDrive, T_published: Pose, published: Sequence[floa
     config = CalibrationConfig(cues=data.cues, seed=seed)
     distance, initial_pose = STARTS[end.start], None
     if distance is not None:
-        T_start = displaced(T_published, *distance, np.random.default_rng(seed))
+        T_start = displace(T_published, *distance, np.random.default_rng(seed))
         initial_pose = InitialPose(T_start, f"{end.start} start")
     begun = perf_counter()
     try:

@@ -37,7 +37,7 @@ from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.synthetic.synthesis import synthesize
 
 ESTIMATORS = ("exact", "mine")
@@ -104,7 +104,7 @@ def run(folder: Path, street: SynthConfig, case: Case) -> list[Timing]:
     drive = make_drive(folder, case.num_pairs, street)
     truth = read_transform(drive)
     command, estimator = case.name.split(", ")
-    T_start = displaced(truth, *START, np.random.default_rng(0))
+    T_start = displace(truth, *START, np.random.default_rng(0))
     start = _write(drive.with_name("start.yaml"), read_document(drive) | {"T_camera_lidar": T_start.tolist()})
     output = folder / ("out.npy" if command == PLAIN_TORCH else "out.yaml")
     options = [str(drive), "--estimator", estimator, "-o", str(output)]

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from benchmark import script, table
 
 from semcal_cli import core
-from semcal_cli.config.synthetic import Lens, SynthConfig
+from semcal_cli.config.synthetic import SynthConfig, SynthLens
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.geometry.arrays import Pose
@@ -55,7 +55,7 @@ ROWS = {
 }
 
 
-def synthetic_frames(lens: Lens, num_seeds: int, num_frames: int) -> Iterator[tuple[Figures, Figures]]:
+def synthetic_frames(lens: SynthLens, num_seeds: int, num_frames: int) -> Iterator[tuple[Figures, Figures]]:
     """Render; each seed has a rig of its own."""
     for seed in range(num_seeds):
         config = SynthConfig(seed=seed, lens=lens)
@@ -158,7 +158,11 @@ def _commonest(frames: list[Figures]) -> str:
 
 
 def main(
-    *, seeds: int = 10, frames: int = 10, lens: tuple[Lens, ...] = ("standard",), drive: tuple[Path, ...] = ()
+    *,
+    seeds: int = 10,
+    frames: int = 10,
+    lens: tuple[SynthLens, ...] = ("standard",),
+    drive: tuple[Path, ...] = (),
 ) -> Iterator[str]:
     """Print the table: a column for synthetic rigs of each lens, and one for each real drive."""
     columns = {

@@ -27,7 +27,7 @@ from semcal_cli.config import (
     PolishConfig,
     SensitivityConfig,
 )
-from semcal_cli.drive.camera import Camera, intrinsic_value, variable, with_intrinsics
+from semcal_cli.drive.camera import Camera, core_name, intrinsic_value, with_intrinsics
 from semcal_cli.estimation.uncertainty.sensitivity import (
     BLOCKS_PX,
     MANY,
@@ -83,7 +83,7 @@ class Variables(NamedTuple):
 
     def of_core(self, camera: Camera) -> list[str]:
         """Name the intrinsics as the core does."""
-        return [variable(camera, name) for name in self.intrinsics]
+        return [core_name(camera, name) for name in self.intrinsics]
 
     def twists(self, observations: Observations) -> list[Sequence[float]] | None:
         """List the twist of each frame if the time offset is a variable."""

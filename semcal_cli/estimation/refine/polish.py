@@ -55,7 +55,7 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     polished = newton(kept, T_camera_lidar, config)
     found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar)
     gain, sigma = found.gain, found.sigma
-    max_loss = config.max_loss if observations.starts is None else config.max_loss_of_tops
+    max_loss = config.max_loss if observations.starts is None else config.max_loss_among_maxima
     # Without a standard error, there is no evidence for the polish.
     is_accepted = math.isfinite(sigma) and gain >= -max_loss * sigma
     T_polished = T_camera_lidar

@@ -13,7 +13,7 @@ from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level, exact_config, pyramid_factors
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations
 
@@ -74,7 +74,7 @@ class SeveralStarts:
                 np.linspace(*starts.spread_m, starts.num_starts[0] - 1),
                 strict=True,
             )
-            self.poses = [T_start, *(displaced(T_start, *distance, rng) for distance in distances)]
+            self.poses = [T_start, *(displace(T_start, *distance, rng) for distance in distances)]
             if starts.first_frames is not None and observations.num_cues == 1:
                 observations = few_frames(observations, starts.first_frames)
         else:

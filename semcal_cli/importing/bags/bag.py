@@ -39,7 +39,7 @@ class Storage(Protocol):
         """Yield the messages of some topics from `start_ns` to before `stop_ns`, in the order of receipt."""
 
 
-class Format(NamedTuple):
+class StorageFormat(NamedTuple):
     """A format of recordings."""
 
     reader: Callable[[Path, ExitStack], Storage]
@@ -49,9 +49,9 @@ class Format(NamedTuple):
 
 
 FORMATS = {
-    b"#ROSBAG V": Format(Ros1File, "rosbag reindex"),
-    b"\x89MCAP0\r\n": Format(McapFile, "mcap recover"),
-    b"SQLite format 3\0": Format(SqliteFile, "sqlite3 FILE .recover"),
+    b"#ROSBAG V": StorageFormat(Ros1File, "rosbag reindex"),
+    b"\x89MCAP0\r\n": StorageFormat(McapFile, "mcap recover"),
+    b"SQLite format 3\0": StorageFormat(SqliteFile, "sqlite3 FILE .recover"),
 }
 """Formats by the first bytes of a file."""
 SUFFIXES = (".bag", ".mcap", ".db3", ".zstd")
@@ -134,24 +134,24 @@ class Bag:
         yield from heapq.merge(*parts, key=lambda message: message.received_ns)
 
     def damage_remarks(self) -> list[str]:
-        """Say what could not be read so far."""
-        found = [
+        """List what could not be read so far."""
+        reasons = [
             f"{reason} ({count:,} times)" if count > 1 else reason for reason, count in self._damaged.items()
         ]
-        return [*self.remarks, *(f"left out damaged data: {each}" for each in found)]
+        return [*self.remarks, *(f"left out damaged data: {reason}" for reason in reasons)]
 
     def _part_messages(self, file: Path, topics: set[Topic], start: int, stop: int) -> Iterator[Message]:
         storage, step = self._storages[file], STEP_NS
-        wanted = topics.intersection(storage.topics)
-        while wanted and start < stop:
+        file_topics = topics.intersection(storage.topics)
+        while file_topics and start < stop:
             try:
-                for message in storage.messages(wanted, start, stop):
+                for message in storage.messages(file_topics, start, stop):
                     start = max(start, message.received_ns)
-                    yield _unpacked(message)
+                    yield _unpack_message(message)
                     step = STEP_NS
                 return
             except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
-                self._damaged[f"{file.name}: {_told(error)}"] += 1
+                self._damaged[f"{file.name}: {_shorten(error)}"] += 1
                 start, step = start + step, 2 * step
 
     def _files_of(self, path: Path) -> list[Path]:
@@ -162,7 +162,7 @@ class Bag:
         if metadata.exists():
             text = read_text(metadata)
             try:
-                return _listed_files(parse_document(text, metadata), metadata)
+                return _metadata_files(parse_document(text, metadata), metadata)
             except InputError as error:
                 self.remarks.append(
                     f"{error}; all files of the folder are read instead; `ros2 bag reindex` writes new metadata"
@@ -176,31 +176,33 @@ class Bag:
         spans: dict[Topic, Span] = {}
         for storage in self._storages.values():
             for topic in storage.topics:
-                spans[topic] = spans.get(topic, Span()).joined(topic.span)
-        found = [replace(topic, span=span) for topic, span in spans.items()]
-        return sorted(found, key=lambda topic: (topic.name, topic.type))
+                spans[topic] = spans.get(topic, Span()).join(topic.span)
+        topics = [replace(topic, span=span) for topic, span in spans.items()]
+        return sorted(topics, key=lambda topic: (topic.name, topic.type))
 
 
 def _open(path: Path, stack: ExitStack) -> Storage:
     start = read_start(path, max(map(len, FORMATS)))
     source = path
     if start.startswith(ZSTD_MAGIC):
-        source = _unpacked_file(path, Path(stack.enter_context(TemporaryDirectory(prefix="semcal-"))))
+        source = _unpack_file(path, Path(stack.enter_context(TemporaryDirectory(prefix="semcal-"))))
         start = read_start(source, max(map(len, FORMATS)))
-    known = next((each for magic, each in FORMATS.items() if start.startswith(magic)), None)
-    if known is None:
-        found = f"{counted(path.stat().st_size, 'byte')} of an unknown format"
-        raise InputError(f"{path}: found {found}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
+    format = next((format for magic, format in FORMATS.items() if start.startswith(magic)), None)
+    if format is None:
+        description = f"{counted(path.stat().st_size, 'byte')} of an unknown format"
+        raise InputError(f"{path}: found {description}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
     try:
-        return known.reader(source, stack)
+        return format.reader(source, stack)
     except InputError:  # A library is missing, or the file is gone: nothing is damaged.
         raise
     except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
-        found = f"found a recording that cannot be read: {_told(error)}"
-        raise InputError(f"{path}: {found}; if it is damaged, `{known.repair}` may repair it") from None
+        description = f"found a recording that cannot be read: {_shorten(error)}"
+        raise InputError(
+            f"{path}: {description}; if it is damaged, `{format.repair}` may repair it"
+        ) from None
 
 
-def _listed_files(document: dict[Any, Any], metadata: Path) -> list[Path]:
+def _metadata_files(document: dict[Any, Any], metadata: Path) -> list[Path]:
     names = Node(str(metadata), document).at("rosbag2_bagfile_information").at("relative_file_paths")
     if not isinstance(names.value, list) or not names.value:
         raise names.mismatch("a list of files")
@@ -210,7 +212,7 @@ def _listed_files(document: dict[Any, Any], metadata: Path) -> list[Path]:
     return files
 
 
-def _unpacked(message: Message) -> Message:
+def _unpack_message(message: Message) -> Message:
     """Unpack a message of ROS 2 that is compressed on its own; others start with CDR's 0."""
     is_plain = message.topic.is_ros1 or message.topic.decode is not None
     if is_plain or not message.raw.startswith(ZSTD_MAGIC):
@@ -218,22 +220,24 @@ def _unpacked(message: Message) -> Message:
     return replace(message, raw=unpack("zstd", message.raw))
 
 
-def _unpacked_file(path: Path, folder: Path) -> Path:
+def _unpack_file(path: Path, folder: Path) -> Path:
     """Unpack a compressed file to a folder, under its name without the last suffix."""
     target, num_bytes = folder / path.stem, 0
-    most = max(MAX_RATIO * path.stat().st_size, MAX_SMALL_BYTES)
+    max_bytes = max(MAX_RATIO * path.stat().st_size, MAX_SMALL_BYTES)
     try:
         with open_file(path) as packed, target.open("wb") as file:
             for part in ZstdDecompressor().read_to_iter(packed, write_size=PART_BYTES):
                 num_bytes += file.write(part)
-                if num_bytes > most:
-                    raise ValueError(f"it unpacks to more than {most:,} bytes")
+                if num_bytes > max_bytes:
+                    raise ValueError(f"it unpacks to more than {max_bytes:,} bytes")
     except Exception as error:  # Hostile bytes raise errors of several kinds in the library.
-        raise InputError(f"{path}: found a compressed file that cannot be unpacked: {_told(error)}") from None
+        raise InputError(
+            f"{path}: found a compressed file that cannot be unpacked: {_shorten(error)}"
+        ) from None
     return target
 
 
-def _told(error: Exception) -> str:
+def _shorten(error: Exception) -> str:
     """Shorten a library's message to a few words."""
     text = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     return text if len(text) <= 120 else f"{text[:117]}..."

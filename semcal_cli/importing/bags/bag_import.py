@@ -18,21 +18,28 @@ from semcal_cli.drive.document import Frame, output_drive_file
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.input_files import is_folder, is_same_file
-from semcal_cli.files.output_files import make_folder, no_empty_folder, removed_if_refused
+from semcal_cli.files.output_files import make_folder, no_empty_folder, remove_if_refused
 from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.camera_messages import CameraInfo, camera_block, difference, read_camera_info
-from semcal_cli.importing.bags.candidates import Candidate, Spool, choose, read_pairs, spooled, wanted_times
+from semcal_cli.importing.bags.candidates import (
+    Spool,
+    SpooledPair,
+    choose,
+    read_pairs,
+    spool_pairs,
+    wanted_times,
+)
 from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.importing.bags.recorded_frames import WrittenFrame, image_folder, write_frames, write_motion
 from semcal_cli.importing.bags.recorded_motion import Trajectory, find_motion, read_frames
 from semcal_cli.importing.bags.stamped_pairs import Pairing
-from semcal_cli.importing.bags.topics import Request, choose_topics
+from semcal_cli.importing.bags.topics import BagRequest, choose_topics
 from semcal_cli.importing.bags.transforms import reference
 from semcal_cli.importing.bags.video import Video
 from semcal_cli.importing.choice import Options
-from semcal_cli.importing.drive_folder import Written, check_is_replaced, write_drive
+from semcal_cli.importing.drive_folder import WrittenDrive, check_may_replace, write_drive
 from semcal_cli.importing.motion_agreement import compare_motions
 from semcal_cli.importing.recording import Recording
 from semcal_cli.importing.sweep_odometry import DOUBTFUL_NS, Odometry
@@ -41,7 +48,7 @@ AROUND_NS = NS
 """Odometry uses sweeps from this long before the first wanted time to this long after the last, too."""
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
-MAX_TOLD = 3
+MAX_REMARKS = 3
 """Largest number of remarks about damage in an error."""
 MAX_LATCHED = 100
 """Largest number of messages of a camera that is published now and then, rather than with each image."""
@@ -50,7 +57,7 @@ MAX_LATCHED = 100
 class ImportedDrive(NamedTuple):
     """Summary of an import."""
 
-    written: Written
+    written: WrittenDrive
     """The drive."""
     num_sweeps: int
     """Number of sweeps in the recording."""
@@ -59,7 +66,7 @@ class ImportedDrive(NamedTuple):
 
 
 def import_bag(
-    request: Request, out: Path, on_event: Listener = ignore, *, force: bool = False
+    request: BagRequest, out: Path, on_event: Listener = ignore, *, force: bool = False
 ) -> ImportedDrive:
     """Make a drive of a recording. The drive.yaml is written last, and each file as a whole or not at all.
 
@@ -77,7 +84,7 @@ def import_bag(
             is not one of this recording.
     """
     folder = output_drive_file(out).parent
-    with Bag(request.paths) as bag, no_empty_folder(folder), removed_if_refused() as write:
+    with Bag(request.paths) as bag, no_empty_folder(folder), remove_if_refused() as write:
         return _Import(bag, request, out, on_event, write, force).run()
 
 
@@ -85,7 +92,7 @@ class _Import:
     def __init__(
         self,
         bag: Bag,
-        request: Request,
+        request: BagRequest,
         out: Path,
         on_event: Listener,
         write: Callable[[bytes, Path], None],
@@ -103,7 +110,7 @@ class _Import:
         self.trajectory: Trajectory | None = None
         self.remarks = [
             f"{topic.name} is not used: it holds the messages of {topic.name.rpartition('/')[0]} in another encoding"
-            for topic in self.topics.again
+            for topic in self.topics.duplicates
         ]
         self.left_out: Counter[str] = Counter()
 
@@ -121,35 +128,37 @@ class _Import:
             self.bag, tree, moving, lidar, request.motion, request.motion_frame
         )
         self.remarks += [why] if why else []
-        wanted = wanted_times(self.bag, self.topics, request)
-        odometry = self._odometry(wanted) if request.odometry else None
+        wanted_ns = wanted_times(self.bag, self.topics, request)
+        odometry = self._odometry(wanted_ns) if request.odometry else None
         if odometry is not None and self.trajectory is None:
-            self.trajectory = Trajectory.estimated(odometry.poses())
+            self.trajectory = Trajectory.from_poses(odometry.poses())
             self.remarks += self._doubts(odometry)
         make_folder(self.path.parent)
-        refused: Counter[str] = Counter()
+        refusals: Counter[str] = Counter()
         try:
             with tempfile.TemporaryFile(dir=self.path.parent) as file:
                 spool = Spool(file, self.video)
-                candidates = self._candidates(spool, wanted)
+                candidates = self._candidates(spool, wanted_ns)
                 self._check_replaced(candidates)
                 chosen = choose(candidates, request, self.trajectory, self.left_out)
-                found = write_frames(
-                    chosen, spool, camera, self.topics, self.path.parent, self.on_event, refused, self.write
+                written_frames = write_frames(
+                    chosen, spool, camera, self.topics, self.path.parent, self.on_event, refusals, self.write
                 )
         except OSError as error:
             raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
-        if not found:
-            raise self._no_pair(next(iter(refused)))
-        self.left_out += refused
-        self.remarks += list(dict.fromkeys(each.times.remark for each in found if each.times.remark))
-        motion, frames = None, [each.source for each in found]
+        if not written_frames:
+            raise self._no_pair(next(iter(refusals)))
+        self.left_out += refusals
+        self.remarks += list(
+            dict.fromkeys(frame.times.remark for frame in written_frames if frame.times.remark)
+        )
+        motion, frames = None, [frame.source for frame in written_frames]
         if self.trajectory is not None:
-            motion, frames, told = write_motion(self.trajectory, found, self.path, self.write)
-            self.remarks.append(told)
+            motion, frames, remark = write_motion(self.trajectory, written_frames, self.path, self.write)
+            self.remarks.append(remark)
             if odometry is not None and self._poses_topic is not None:
-                self.remarks.append(self._comparison(self._poses_topic.name, odometry, found))
-            if left := len(found) - len(frames):
+                self.remarks.append(self._comparison(self._poses_topic.name, odometry, written_frames))
+            if left := len(written_frames) - len(frames):
                 self.left_out["pairs: no poses around them, or no point times"] += left
         recording = Recording(
             camera=camera,
@@ -170,28 +179,28 @@ class _Import:
         if any(is_same_file(self.path, file) for file in self.read):
             raise InputError(f"{self.path}: found a file that this import reads, needed another name")
         if not self.force:
-            check_is_replaced(self.path, lambda file, frame: True)
+            check_may_replace(self.path, lambda file, frame: True)
 
-    def _check_replaced(self, candidates: Sequence[Candidate]) -> None:
+    def _check_replaced(self, candidates: Sequence[SpooledPair]) -> None:
         """Check that a drive.yaml in the place of the new one is of the same topic of images, at the same time."""
         if self.force:
             return
         images = image_folder(self.path.parent, self.topics)
         # The whole recording: this run may choose, or only look for, frames at other times than the one before.
-        span = [self.bag.start_ns, self.bag.end_ns, *(each.pair.image_ns for each in candidates)]
+        span = [self.bag.start_ns, self.bag.end_ns, *(candidate.pair.image_ns for candidate in candidates)]
 
         def is_known(file: Path, frame: Frame) -> bool:
             is_beside = os.path.realpath(file.parent) == os.path.realpath(images)
             return is_beside and min(span) <= (frame.image_stamp or 0.0) * NS <= max(span)
 
-        check_is_replaced(self.path, is_known)
+        check_may_replace(self.path, is_known)
 
     def _no_pair(self, reason: str) -> InputError:
         return self._refusal(f"{self.bag.paths[0]}: found no usable pair of a sweep and an image: {reason}")
 
-    def _refusal(self, found: str) -> InputError:
+    def _refusal(self, problem: str) -> InputError:
         """Make the error of a recording that gives no drive, with what is damaged in it."""
-        return InputError("; ".join([found, *self.bag.damage_remarks()[:MAX_TOLD]]))
+        return InputError("; ".join([problem, *self.bag.damage_remarks()[:MAX_REMARKS]]))
 
     def _camera(self) -> dict[str, Any]:
         """Read the camera from the user's file, or from the first message of its topic."""
@@ -224,10 +233,10 @@ class _Import:
         frames = map(_frame_of, islice(self.bag.messages([topic]), MAX_LATCHED))
         return next((frame for frame in frames if frame is not None), "")
 
-    def _odometry(self, wanted: Sequence[int]) -> Odometry:
+    def _odometry(self, wanted_ns: Sequence[int]) -> Odometry:
         """Estimate the motion from all sweeps between the first and the last wanted time, and around them."""
         odometry, request = Odometry(), self.request
-        start_ns, stop_ns = min(wanted) - AROUND_NS, max(wanted) + AROUND_NS
+        start_ns, stop_ns = min(wanted_ns) - AROUND_NS, max(wanted_ns) + AROUND_NS
         for message in self.bag.messages([self.topics.points], start_ns, stop_ns):
             share = (message.received_ns - start_ns) / (stop_ns - start_ns)
             self.on_event(Progress(f"estimating the motion from the sweeps: {share:.0%}"))
@@ -240,7 +249,7 @@ class _Import:
         return odometry
 
     def _doubts(self, odometry: Odometry) -> list[str]:
-        """Say that frames are left out where the motion estimated from the sweeps is doubtful."""
+        """Describe which frames are left out because the motion estimated from the sweeps is doubtful."""
         if not odometry.doubtful_ns:
             return []
         count, first_s = len(odometry.doubtful_ns), (odometry.doubtful_ns[0] - self.bag.start_ns) / NS
@@ -249,23 +258,21 @@ class _Import:
         return [f"the motion estimated from the sweeps is doubtful {when}: {left_out}"]
 
     def _comparison(self, name: str, odometry: Odometry, written: Sequence[WrittenFrame]) -> str:
-        """Say whether the topic of the motion agrees with the sweeps."""
+        """Describe whether the topic of the motion agrees with the sweeps."""
         assert self.trajectory is not None
-        moments_ns = [each.moments_ns[0] for each in written]
+        moments_ns = [frame.moments_ns[0] for frame in written]
         difference = compare_motions(self.trajectory.poses, odometry.poses(), moments_ns)
         if difference is None:
             return (
                 f"{name} could not be compared with the sweeps' motion: no frame has poses of both around it"
             )
-        return (
-            f"{difference.told(name)}{'' if difference.agrees else '; --motion none uses that of the sweeps'}"
-        )
+        return f"{difference.describe(name)}{'' if difference.agrees else '; --motion none uses that of the sweeps'}"
 
-    def _candidates(self, spool: Spool, wanted: Sequence[int]) -> list[Candidate]:
+    def _candidates(self, spool: Spool, wanted_ns: Sequence[int]) -> list[SpooledPair]:
         """Read pairs near wanted times, and check on the way that the camera stays the same."""
         rate_hz = self.topics.points.rate_hz
         pairing = Pairing(
-            wanted,
+            wanted_ns,
             round(self.request.max_gap_s * NS),
             by_receipt=self.request.by_receipt,
             image_topic=self.topics.image,
@@ -277,16 +284,18 @@ class _Import:
             left = f", {(perf_counter() - began) / done * (count - done):.0f} s left" if done else ""
             self.on_event(Progress(f"reading {self.bag.paths[0].name}: {done} of {count} places{left}"))
 
-        told = None if self._poses_topic is None else self.trajectory
-        pairs = read_pairs(self.bag, wanted, pairing, self._watched, told, on_place)
-        found = spooled(pairs, spool, self.left_out)
+        trajectory = None if self._poses_topic is None else self.trajectory
+        pairs = read_pairs(self.bag, wanted_ns, pairing, self._read_messages, trajectory, on_place)
+        candidates = spool_pairs(pairs, spool, self.left_out)
         self.left_out += pairing.left_out
-        self._check_clocks(pairing, len(found))
-        looked_at = len(found) + sum(n for why, n in self.left_out.items() if not why.startswith("images"))
-        not_read = self.topics.points.span.num_messages - looked_at
+        self._check_clocks(pairing, len(candidates))
+        num_read = len(candidates) + sum(
+            n for why, n in self.left_out.items() if not why.startswith("images")
+        )
+        not_read = self.topics.points.span.num_messages - num_read
         if not_read > 0:
             self.left_out["sweeps: between the times that were read"] += not_read
-        return found
+        return candidates
 
     @property
     def _poses_topic(self) -> Topic | None:
@@ -294,37 +303,37 @@ class _Import:
         source = None if self.trajectory is None else self.trajectory.source
         return None if source is None else source.topic
 
-    def _watched(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
+    def _read_messages(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield sweeps and images; poses and cameras are handled here."""
         info = None if self.info is None else self.topics.camera_info
         poses = self._poses_topic
         topics = [topic for topic in (*self.frame_ids, info, poses) if topic is not None]
         if self.video is not None:
             self.video.seek(start_ns)
-        for each in self.bag.messages(topics, start_ns, stop_ns):
-            is_frame = self.video is not None and each.topic == self.topics.image
-            message = self.video.take(each) if self.video is not None and is_frame else each
+        for stored in self.bag.messages(topics, start_ns, stop_ns):
+            is_frame = self.video is not None and stored.topic == self.topics.image
+            message = self.video.take(stored) if self.video is not None and is_frame else stored
             needed = self.frame_ids.get(message.topic)
             if message.topic == info:
                 self._check_same(message)
             elif self.trajectory is not None and message.topic == poses:
                 self.trajectory.take(message, self.request.by_receipt)
             elif (frame := _frame_of(message)) is not None and frame != needed:
-                what = "sweeps" if message.topic == self.topics.points else "images"
-                self.left_out[f"{what}: found frame {frame!r}, needed {needed!r}"] += 1
+                kind = "sweeps" if message.topic == self.topics.points else "images"
+                self.left_out[f"{kind}: found frame {frame!r}, needed {needed!r}"] += 1
             else:
                 yield message
 
     def _check_same(self, message: Message) -> None:
         assert self.info is not None
         try:
-            changed = difference(read_camera_info(message), self.info)
+            change = difference(read_camera_info(message), self.info)
         except MessageError:
             return
-        if changed is not None:
+        if change is not None:
             seconds = (message.received_ns - self.bag.start_ns) / NS
-            found = f"found other intrinsics {seconds:.3f} s after the start: {changed}"
-            raise InputError(f"{message.topic.name}: {found}; needed the same throughout")
+            problem = f"found other intrinsics {seconds:.3f} s after the start: {change}"
+            raise InputError(f"{message.topic.name}: {problem}; needed the same throughout")
 
     def _check_clocks(self, pairing: Pairing, count: int) -> None:
         """Detect that the clocks of LiDAR and camera differ, by how late their messages were received."""

@@ -67,5 +67,5 @@ def camera_block(info: CameraInfo, topic: str, *, rectified: bool) -> dict[str, 
 
 
 def _short(value: object) -> str:
-    text = ", ".join(f"{each:g}" for each in value) if isinstance(value, list) else str(value)
+    text = ", ".join(f"{number:g}" for number in value) if isinstance(value, list) else str(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -84,12 +84,12 @@ def _point_cloud(message: Any) -> SimpleNamespace:
     data, step = _data(message), _whole(message, "point_stride")
     fields = [
         SimpleNamespace(
-            name=_text(each, "name"),
-            offset=_whole(each, "offset"),
-            datatype=POINT_FIELD_TYPES.get(int(each.type), 0),
+            name=_text(field, "name"),
+            offset=_whole(field, "offset"),
+            datatype=POINT_FIELD_TYPES.get(int(field.type), 0),
             count=1,
         )
-        for each in message.fields
+        for field in message.fields
     ]
     width = len(data) // step if step > 0 else 1
     return SimpleNamespace(
@@ -126,10 +126,10 @@ def _camera_calibration(message: Any) -> SimpleNamespace:
         values = getattr(message, name, ())
         if len(values) not in counts:
             raise MessageError(f"found {counted(len(values), 'number')} in {name}, needed {max(counts)}")
-        numbers[name] = [float(each) for each in values]
+        numbers[name] = [float(value) for value in values]
     region = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
     # R and P stay zero if they are left out.
-    numbers = {"R": [0.0] * 9, "P": [0.0] * 12} | {name: each for name, each in numbers.items() if each}
+    numbers = {"R": [0.0] * 9, "P": [0.0] * 12} | {name: values for name, values in numbers.items() if values}
     return SimpleNamespace(
         header=_header(message),
         width=_whole(message, "width"),
@@ -143,17 +143,18 @@ def _camera_calibration(message: Any) -> SimpleNamespace:
 
 
 def _transforms(message: Any) -> SimpleNamespace:
-    several = message.transforms if hasattr(message, "transforms") else [message]
+    transforms = message.transforms if hasattr(message, "transforms") else [message]
     return SimpleNamespace(
         transforms=[
             SimpleNamespace(
-                header=_header(each, "parent_frame_id"),
-                child_frame_id=_text(each, "child_frame_id"),
+                header=_header(transform, "parent_frame_id"),
+                child_frame_id=_text(transform, "child_frame_id"),
                 transform=SimpleNamespace(
-                    rotation=_numbers(each.rotation, "xyzw"), translation=_numbers(each.translation, "xyz")
+                    rotation=_numbers(transform.rotation, "xyzw"),
+                    translation=_numbers(transform.translation, "xyz"),
                 ),
             )
-            for each in several
+            for transform in transforms
         ]
     )
 
@@ -201,7 +202,7 @@ def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] |
     if translate is None:
         return "", None
     if encoding == "json":
-        return kind, lambda raw: translate(_parsed_json(raw))
+        return kind, lambda raw: translate(_parse_json(raw))
     check_installed(schema.name, "mcap_protobuf", "bag")
 
     @cache
@@ -209,10 +210,10 @@ def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] |
         from mcap_protobuf.decoder import DecoderFactory
 
         try:
-            found = DecoderFactory().decoder_for(encoding, schema)
+            decoder = DecoderFactory().decoder_for(encoding, schema)
         except Exception as error:  # Hostile descriptors raise errors of any kind in the libraries.
             return MessageError(f"found a schema {schema.name} that cannot be read: {reason(error)[:120]}")
-        return found or MessageError(f"found a schema in {describe(schema.encoding)}, needed 'protobuf'")
+        return decoder or MessageError(f"found a schema in {describe(schema.encoding)}, needed 'protobuf'")
 
     def read(raw: bytes) -> Any:
         if isinstance(parse := parser(), MessageError):
@@ -222,9 +223,9 @@ def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] |
     return kind, read
 
 
-def _parsed_json(raw: bytes) -> Any:
+def _parse_json(raw: bytes) -> Any:
     num_values = sum(map(raw.count, (b",", b"[", b"{")))
     if len(raw) > MAX_JSON_BYTES or num_values > MAX_JSON_VALUES:
-        found = f"{len(raw):,} bytes of JSON with {num_values:,} values or more"
-        raise MessageError(f"found {found}, needed at most {MAX_JSON_BYTES:,} and {MAX_JSON_VALUES:,}")
-    return json.loads(raw, object_hook=lambda each: SimpleNamespace(**each))
+        description = f"{len(raw):,} bytes of JSON with {num_values:,} values or more"
+        raise MessageError(f"found {description}, needed at most {MAX_JSON_BYTES:,} and {MAX_JSON_VALUES:,}")
+    return json.loads(raw, object_hook=lambda fields: SimpleNamespace(**fields))

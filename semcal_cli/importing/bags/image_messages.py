@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError, counted
-from semcal_cli.files.image_files import Size, stated_size
+from semcal_cli.files.image_files import Size, size_in_header
 from semcal_cli.geometry.arrays import RawPixels
 from semcal_cli.importing.bags.messages import COMPRESSED, Message, MessageError
 
@@ -99,7 +99,7 @@ def thumbnail(message: Message) -> npt.NDArray[np.float32]:
     if message.is_a(COMPRESSED):
         _compressed(message)
         content = np.frombuffer(message.content.data, dtype=np.uint8)
-        grey = _decoded(lambda: cv2.imdecode(content, cv2.IMREAD_REDUCED_GRAYSCALE_8))
+        grey = _decode(lambda: cv2.imdecode(content, cv2.IMREAD_REDUCED_GRAYSCALE_8))
     else:
         pixels = _pixels(message)
         coarse = pixels[:: max(len(pixels) // SAMPLED_ROWS, 1), :: max(pixels.shape[1] // SAMPLED_ROWS, 1)]
@@ -121,7 +121,7 @@ def _compressed(message: Message) -> ImageFile:
             f"found {counted(len(content), 'byte')} of format {kind!r}, needed a JPEG or a PNG"
         )
     try:
-        size = stated_size(Path("image"), BytesIO(content))
+        size = size_in_header(Path("image"), BytesIO(content))
     except InputError:
         raise MessageError(
             f"found {counted(len(content), 'byte')} of a damaged {suffix[1:].upper()}"
@@ -157,7 +157,7 @@ def _pixels(message: Message) -> RawPixels:
     conversion = encoding.conversion
     if conversion is None:
         return pixels
-    converted: RawPixels = _decoded(lambda: cv2.cvtColor(pixels, conversion))
+    converted: RawPixels = _decode(lambda: cv2.cvtColor(pixels, conversion))
     return converted
 
 
@@ -168,11 +168,11 @@ def _check_size(width: int, height: int) -> None:
         raise MessageError(f"found {width:,} x {height:,} pixels, needed at most {MAX_PIXELS:,}")
 
 
-def _decoded(decode: Callable[[], Any]) -> Any:
+def _decode(decode: Callable[[], Any]) -> Any:
     try:
-        found = decode()
+        image = decode()
     except cv2.error:
-        found = None
-    if found is None:
+        image = None
+    if image is None:
         raise MessageError("found a damaged image")
-    return found
+    return image

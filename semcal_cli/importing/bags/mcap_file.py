@@ -70,13 +70,13 @@ class McapFile:
         """
         channels = {key for key, topic in self._topics.items() if topic in topics}
         records = self._indexed(channels, start_ns, stop_ns) if self.is_indexed else self._records()
-        for each in records:
+        for record in records:
             if (
-                isinstance(each, McapMessage)
-                and each.channel_id in channels
-                and start_ns <= each.log_time < stop_ns
+                isinstance(record, McapMessage)
+                and record.channel_id in channels
+                and start_ns <= record.log_time < stop_ns
             ):
-                yield Message(self._topics[each.channel_id], each.log_time, each.data)
+                yield Message(self._topics[record.channel_id], record.log_time, record.data)
 
     def _indexed(self, channels: Collection[int], start_ns: int, stop_ns: int) -> Iterator[McapRecord]:
         """Yield the messages of the chunks that hold some channels at some time, in order of receipt."""
@@ -89,19 +89,19 @@ class McapFile:
                 not chunk.message_index_offsets or not chunk.message_index_offsets.keys().isdisjoint(channels)
             )
         ]
-        waiting: list[tuple[int, int, int, McapMessage]] = []
+        heap: list[tuple[int, int, int, McapMessage]] = []
         for place, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.message_start_time)):
-            while waiting and waiting[0][0] < chunk.message_start_time:
-                yield heappop(waiting)[-1]
+            while heap and heap[0][0] < chunk.message_start_time:
+                yield heappop(heap)[-1]
             self._file.seek(chunk.chunk_start_offset)
             record = next(self._reader(self._file).records)
             if not isinstance(record, Chunk):
                 raise ValueError("found no chunk where the index has one")
-            for index, each in enumerate(_opened(record)):
-                if isinstance(each, McapMessage) and each.channel_id in channels:
-                    heappush(waiting, (each.log_time, place, index, each))
-        while waiting:
-            yield heappop(waiting)[-1]
+            for index, message in enumerate(_chunk_records(record)):
+                if isinstance(message, McapMessage) and message.channel_id in channels:
+                    heappush(heap, (message.log_time, place, index, message))
+        while heap:
+            yield heappop(heap)[-1]
 
     def _reader(self, file: IO[bytes]) -> StreamReader:
         """Read the records from here on. A chunk is one record, so that it is unpacked up to a limit."""
@@ -132,23 +132,23 @@ class McapFile:
             if chunk.message_start_time <= first_end or chunk.message_end_time >= last_start:
                 if chunk.chunk_start_offset not in self._times:
                     self._times[chunk.chunk_start_offset] = self._read_times(chunk)
-                whole = chunk.message_start_time, chunk.message_end_time
-                ends.append(self._times[chunk.chunk_start_offset].get(channel, whole))
+                chunk_ends = chunk.message_start_time, chunk.message_end_time
+                ends.append(self._times[chunk.chunk_start_offset].get(channel, chunk_ends))
         return min(first for first, _ in ends), max(last for _, last in ends)
 
     def _read_times(self, chunk: ChunkIndex) -> dict[int, tuple[int, int]]:
         """Read the first and the last time of each channel in a chunk; none without a whole index."""
         self._file.seek(min(chunk.message_index_offsets.values(), default=0))
         content = BytesIO(self._file.read(min(chunk.message_index_length, MAX_INDEX_BYTES)))
-        found: dict[int, tuple[int, int]] = {}
+        times_by_channel: dict[int, tuple[int, int]] = {}
         try:
             for record in StreamReader(content, skip_magic=True).records:
                 if isinstance(record, MessageIndex) and record.records:
                     times = [time for time, _ in record.records]
-                    found[record.channel_id] = min(times), max(times)
+                    times_by_channel[record.channel_id] = min(times), max(times)
         except Exception:  # The end of what was read, or hostile bytes.
             pass
-        return found
+        return times_by_channel
 
     def _count(self, is_whole: bool) -> None:
         """Read the whole file for its topics, their times, and what is missing."""
@@ -162,7 +162,7 @@ class McapFile:
                 channels[record.id] = record
             elif isinstance(record, McapMessage):
                 time = record.log_time
-                spans[record.channel_id] = spans.get(record.channel_id, Span()).joined(Span(1, time, time))
+                spans[record.channel_id] = spans.get(record.channel_id, Span()).join(Span(1, time, time))
         for key, channel in channels.items():
             self._topics[key] = _topic(channel, schemas, spans.get(key, Span()))
         missing = [] if is_whole else ["its index"]
@@ -179,7 +179,7 @@ class McapFile:
                 try:
                     for record in self._reader(file).records:
                         if isinstance(record, Chunk):
-                            yield from _opened(record)
+                            yield from _chunk_records(record)
                         else:
                             yield record
                         end = file.tell()
@@ -195,21 +195,23 @@ def _is_index(summary: Summary) -> bool:
     """Whether a summary has all that is needed to read by it."""
     if summary.statistics is None or not summary.chunk_indexes:
         return False
-    used = set(summary.statistics.channel_message_counts)
-    used |= {channel for chunk in summary.chunk_indexes for channel in chunk.message_index_offsets}
-    known = {key for key, each in summary.channels.items() if each.schema_id in (0, *summary.schemas)}
-    return used <= known
+    used_channels = set(summary.statistics.channel_message_counts)
+    used_channels |= {channel for chunk in summary.chunk_indexes for channel in chunk.message_index_offsets}
+    known_channels = {
+        key for key, channel in summary.channels.items() if channel.schema_id in (0, *summary.schemas)
+    }
+    return used_channels <= known_channels
 
 
-def _opened(chunk: Chunk) -> list[McapRecord]:
+def _chunk_records(chunk: Chunk) -> list[McapRecord]:
     """List the records of a chunk, which is unpacked up to the size that it states.
 
     Raises:
         ValueError: it states more bytes than are allowed, holds more than it states, or has too many records.
     """
     if chunk.uncompressed_size > MAX_UNPACKED_BYTES:
-        found = f"found a chunk that states {chunk.uncompressed_size:,} bytes"
-        raise ValueError(f"{found}, needed at most {MAX_UNPACKED_BYTES:,}")
+        problem = f"found a chunk that states {chunk.uncompressed_size:,} bytes"
+        raise ValueError(f"{problem}, needed at most {MAX_UNPACKED_BYTES:,}")
     data = unpack(chunk.compression, chunk.data, chunk.uncompressed_size)
     place = 0
     for _ in range(MAX_RECORDS):

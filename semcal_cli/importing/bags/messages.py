@@ -53,7 +53,7 @@ class Span(NamedTuple):
     last_ns: int = 0
     """Time at which the last was received."""
 
-    def joined(self, other: Span) -> Span:
+    def join(self, other: Span) -> Span:
         """Join the messages of two parts."""
         if not (self.num_messages and other.num_messages):
             return self if self.num_messages else other

@@ -74,9 +74,9 @@ class Sweep(NamedTuple):
         header = {
             "VERSION": ["0.7"],
             "FIELDS": fields,
-            "SIZE": [each.base.itemsize for each in fields.values()],
-            "TYPE": [each.base.kind.upper() for each in fields.values()],
-            "COUNT": [_count(each) for each in fields.values()],
+            "SIZE": [field_type.base.itemsize for field_type in fields.values()],
+            "TYPE": [field_type.base.kind.upper() for field_type in fields.values()],
+            "COUNT": [_count(field_type) for field_type in fields.values()],
             "WIDTH": [width],
             "HEIGHT": [height],
             "VIEWPOINT": [0, 0, 0, 1, 0, 0, 0],
@@ -105,8 +105,8 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
     names = records.dtype.names or ()
     if not {"x", "y", "z"} <= set(names):
         raise MessageError(f"found the fields {listed(names)}, needed x, y and z")
-    if several := [axis for axis in "xyz" if _count(records.dtype[axis]) > 1]:
-        raise MessageError(f"found several numbers in field {several[0]!r}, needed one")
+    if axes := [axis for axis in "xyz" if _count(records.dtype[axis]) > 1]:
+        raise MessageError(f"found several numbers in field {axes[0]!r}, needed one")
     has_range = _has_range(records)
     if not has_range.any():
         raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
@@ -122,8 +122,8 @@ def _has_range(records: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
     """Whether each point (height, width) is finite and not at the sensor."""
     axes = np.stack([records[axis].astype(np.float32) for axis in "xyz"])
     with np.errstate(invalid="ignore"):
-        found: npt.NDArray[np.bool_] = np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)
-    return found
+        has_range: npt.NDArray[np.bool_] = np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)
+    return has_range
 
 
 def _point_cloud2(message: Message) -> npt.NDArray[np.void]:
@@ -148,8 +148,10 @@ def _point_cloud2(message: Message) -> npt.NDArray[np.void]:
 def _layout(cloud: Any, step: int) -> np.dtype[Any]:
     """Make the layout of a point's record."""
     if not 0 < step <= MAX_POINT_BYTES or len(cloud.fields) > MAX_FIELDS:
-        found = f"point_step {step:,} and {len(cloud.fields):,} fields"
-        raise MessageError(f"found {found}, needed at most {MAX_POINT_BYTES:,} bytes and {MAX_FIELDS} fields")
+        description = f"point_step {step:,} and {len(cloud.fields):,} fields"
+        raise MessageError(
+            f"found {description}, needed at most {MAX_POINT_BYTES:,} bytes and {MAX_FIELDS} fields"
+        )
     order = ">" if cloud.is_bigendian else "<"
     names, formats, offsets = [], [], []
     for field in cloud.fields:
@@ -211,12 +213,12 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
     if not scan.packets:
         raise MessageError("found a cloud without points")
     if len(scan.packets) * PACKET_POINTS > MAX_POINTS:
-        found = f"found {counted(len(scan.packets), 'packet')}"
-        raise MessageError(f"{found}, needed at most {MAX_POINTS // PACKET_POINTS:,}")
-    stamps_ns = [each.stamp.sec * NS + each.stamp.nanosec for each in scan.packets]
+        problem = f"found {counted(len(scan.packets), 'packet')}"
+        raise MessageError(f"{problem}, needed at most {MAX_POINTS // PACKET_POINTS:,}")
+    stamps_ns = [packet.stamp.sec * NS + packet.stamp.nanosec for packet in scan.packets]
     # The library does not accept negative times.
     begin_ns = min(stamps_ns) - NS
-    stamps_s = [(each - begin_ns) / NS for each in stamps_ns]
+    stamps_s = [(packet_ns - begin_ns) / NS for packet_ns in stamps_ns]
     packets = velodyne_decoder.PacketVector()
     for stamp_s, packet in zip(stamps_s, scan.packets, strict=True):
         packets.append(velodyne_decoder.VelodynePacket(stamp_s, packet.data.tobytes()))
@@ -242,28 +244,30 @@ def _with_readable_times(
     reader knows, become seconds relative to the stamp, as float64, under the name `t`. Points without a range often
     have no time either and are ignored.
     """
-    lowered = {name.lower(): name for name in reversed(records.dtype.names or ())}
-    name = next((lowered[each] for each in TIMES if each in lowered), None)
+    name_by_lower = {name.lower(): name for name in reversed(records.dtype.names or ())}
+    name = next((name_by_lower[key] for key in TIMES if key in name_by_lower), None)
     if name is None or _count(records.dtype[name]) > 1:
         return Sweep(records, PointTimes())
-    alike = [each for each in records.dtype.names or () if each.lower() in (name.lower(), "t")]
-    if len(alike) > 1:
+    time_fields = [field for field in records.dtype.names or () if field.lower() in (name.lower(), "t")]
+    if len(time_fields) > 1:
         raise MessageError(
-            f"found the fields {listed(alike)}, any of which may hold the times, needed only one"
+            f"found the fields {listed(time_fields)}, any of which may hold the times, needed only one"
         )
     values = records[name]
     first, last = _ends(values[has_range])
     spans = [
         unit for unit, tick in TICKS_S.items() if SHORTEST_SWEEP_S <= (last - first) * tick <= LONGEST_SWEEP_S
     ]
-    told = f"the point times {name!r}"
+    subject = f"the point times {name!r}"
     if not spans:
-        remark = f"{told} do not span a sweep in any usual unit: they are written unchanged, without motion"
+        remark = (
+            f"{subject} do not span a sweep in any usual unit: they are written unchanged, without motion"
+        )
         return Sweep(records, PointTimes(remark=remark))
     tick_s = TICKS_S[spans[0]]
     shift = _shift(first, tick_s, stamp_ns)
     if shift is None:
-        remark = f"{told} use another clock than the header: they are written unchanged, without motion"
+        remark = f"{subject} use another clock than the header: they are written unchanged, without motion"
         return Sweep(records, PointTimes(remark=remark))
     # Whole numbers are subtracted as such: as float64, nanoseconds since 1970 would lose their last 8 bits.
     exact = values.astype(np.int64) if values.dtype.kind in "iu" else values
@@ -271,7 +275,7 @@ def _with_readable_times(
     ends_s = _ends(seconds[has_range])
     if name.lower() in READ_AS_TIME and tick_s == (1.0 if values.dtype.kind == "f" else 1e-9):
         return Sweep(records, PointTimes("absolute" if shift else "relative", ends_s), seconds)
-    remark = f"{told}, {spans[0]}, are written as 't', seconds after the sweep's stamp"
+    remark = f"{subject}, {spans[0]}, are written as 't', seconds after the sweep's stamp"
     return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
 
 
@@ -294,7 +298,7 @@ def _with_times(
     """Replace a field by times in seconds, under the preferred name."""
     layout = records.dtype
     changed = records.astype(
-        [("t", "<f8") if each == name else (each, layout[each]) for each in layout.names or ()]
+        [("t", "<f8") if field == name else (field, layout[field]) for field in layout.names or ()]
     )
     changed["t"] = seconds
     return changed

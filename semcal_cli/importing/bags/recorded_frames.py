@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.events import Listener, Progress
-from semcal_cli.importing.bags.candidates import Candidate, Spool
+from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import image_file
 from semcal_cli.importing.bags.messages import NS, MessageError
 from semcal_cli.importing.bags.point_messages import PointTimes, read_sweep
@@ -25,7 +25,7 @@ from semcal_cli.importing.sweep_odometry import SIGMA, seconds_text
 
 MAX_NAME = 100
 """Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
-AT_A_TIME = 2
+NUM_WRITERS = 2
 """Number of frames that are written at a time."""
 
 
@@ -41,11 +41,13 @@ class WrittenFrame(NamedTuple):
     def moments_ns(self) -> list[int]:
         """The times at which poses are needed: of the image, and of the first and the last point."""
         points_s, image_s = self.source.points_stamp or 0.0, self.source.image_stamp or 0.0
-        return [round(each * NS) for each in (image_s, *(points_s + end_s for end_s in self.times.ends_s))]
+        return [
+            round(moment_s * NS) for moment_s in (image_s, *(points_s + end_s for end_s in self.times.ends_s))
+        ]
 
 
 def write_frames(
-    chosen: Sequence[Candidate],
+    chosen: Sequence[SpooledPair],
     spool: Spool,
     camera: dict[str, Any],
     topics: Topics,
@@ -70,20 +72,20 @@ def write_frames(
         InputError: a file cannot be written.
     """
 
-    def written_frame(candidate: Candidate) -> WrittenFrame | MessageError:
+    def written_frame(candidate: SpooledPair) -> WrittenFrame | MessageError:
         try:
             return _write_frame(candidate, spool, camera, topics, folder, write)
         except MessageError as error:
             return error
 
     written = []
-    with ThreadPoolExecutor(AT_A_TIME) as workers:
-        for index, each in enumerate(workers.map(written_frame, chosen)):
+    with ThreadPoolExecutor(NUM_WRITERS) as workers:
+        for index, result in enumerate(workers.map(written_frame, chosen)):
             on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
-            if isinstance(each, MessageError):
-                left_out[f"pairs: {each}"] += 1
+            if isinstance(result, MessageError):
+                left_out[f"pairs: {result}"] += 1
             else:
-                written.append(each)
+                written.append(result)
     return written
 
 
@@ -102,30 +104,30 @@ def write_motion(
     Raises:
         InputError: the file cannot be written.
     """
-    told = trajectory.told
-    timed = Counter(each.times.reference for each in written if each.times.reference)
-    ((reference, num_timed),) = timed.most_common(1) or [("relative", 0)]
+    remark = trajectory.description
+    references = Counter(frame.times.reference for frame in written if frame.times.reference)
+    ((reference, num_timed),) = references.most_common(1) or [("relative", 0)]
     covered = [
-        each.source
-        for each in written
-        if each.times.reference == reference and trajectory.covers(*each.moments_ns)
+        frame.source
+        for frame in written
+        if frame.times.reference == reference and trajectory.covers(*frame.moments_ns)
     ]
     if 2 * min(num_timed, len(covered)) < len(written):
         why = "there are no poses around most frames"
         if 2 * num_timed < len(written):
             why = "most points have no times for deskewing"
-        return None, [each.source for each in written], f"{told}, but {why}; no motion is written"
+        return None, [frame.source for frame in written], f"{remark}, but {why}; no motion is written"
     # The poses depend on the chosen frames, so the file belongs to this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"
     write(trajectory.tum().encode(), path)
     block: dict[str, Any] = {"poses": path.relative_to(drive.parent).as_posix(), "point_times": reference}
     if trajectory.source is None:
         block["sigma"] = SIGMA
-    return block, covered, f"{told}; the drive uses it"
+    return block, covered, f"{remark}; the drive uses it"
 
 
 def _write_frame(
-    candidate: Candidate,
+    candidate: SpooledPair,
     spool: Spool,
     camera: dict[str, Any],
     topics: Topics,
@@ -138,8 +140,10 @@ def _write_frame(
     file = image_file(image_message)
     needed = camera["width"], camera["height"]
     if file.size != needed:
-        found, states = ("{} x {}".format(*size) for size in (file.size, needed))
-        raise MessageError(f"found an image of {found} pixels, needed {states}, as its intrinsics state")
+        image_size, camera_size = ("{} x {}".format(*size) for size in (file.size, needed))
+        raise MessageError(
+            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state"
+        )
     points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
     image = image_folder(folder, topics) / f"{seconds_text(pair.image_ns)}{file.suffix}"
     write(sweep.pcd(), points)

@@ -23,8 +23,8 @@ from semcal_cli.importing.bags.messages import (
     Topic,
     plain_frame,
 )
-from semcal_cli.importing.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, stated_transforms
-from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, covered, estimator, tum_text
+from semcal_cli.importing.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, read_transforms
+from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, are_covered, estimator, tum_text
 
 NONE = "none"
 """Value of --motion that asks for no motion."""
@@ -58,14 +58,14 @@ class Trajectory:
         self._latency_ns = 0
 
     @classmethod
-    def estimated(cls, poses: Mapping[int, Pose]) -> Trajectory:
+    def from_poses(cls, poses: Mapping[int, Pose]) -> Trajectory:
         """Take poses (4, 4) of the LiDAR by their stamps in nanoseconds, ascending, as estimated from the sweeps."""
         trajectory = cls(None, np.eye(4))
         trajectory._poses, trajectory._stamps = dict(poses), list(poses)
         return trajectory
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """Sentence about the source of the motion."""
         if self.source is None:
             return f"{estimator()} estimates the motion of the LiDAR from the sweeps"
@@ -85,10 +85,10 @@ class Trajectory:
         """Add the poses of a message, with the stamps of headers or, if `received`, with the time of receipt."""
         assert self.source is not None
         try:
-            found = _poses(message, self.source)
+            poses = _poses(message, self.source)
         except MessageError:
             return
-        for stamp, T in found:
+        for stamp, T in poses:
             if not received:
                 self._latency_ns = max(self._latency_ns, min(message.received_ns - stamp, LONGEST_LATENCY_NS))
             time = message.received_ns if received else stamp
@@ -103,7 +103,7 @@ class Trajectory:
 
     def covers(self, *stamps_ns: int) -> bool:
         """Whether poses lie close before and after each of the stamps."""
-        return covered(self._stamps, stamps_ns)
+        return are_covered(self._stamps, stamps_ns)
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
         """Return the position (3,) of the pose that is nearest in time, metres; None without poses."""
@@ -117,7 +117,7 @@ class Trajectory:
 
     def tum(self) -> str:
         """Format the poses, one per line (see `tum_text`); estimated ones follow a comment that says so."""
-        note = "" if self.source is not None else f"# {self.told}\n"
+        note = "" if self.source is not None else f"# {self.description}\n"
         return note + tum_text(self.poses)
 
 
@@ -128,16 +128,16 @@ def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:
     """
     tree, moving = FrameTree(), []
     topics = bag.of_types(TRANSFORMS)
-    for edge, T in _stated(bag, [topic for topic in topics if topic.name == TF_STATIC]):
+    for edge, T in _read_transforms(bag, [topic for topic in topics if topic.name == TF_STATIC]):
         tree.add(edge, T)
     for topic in topics:
         if topic.name == TF_STATIC:
             continue
-        found: dict[Edge, list[Pose]] = {}
+        poses_by_edge: dict[Edge, list[Pose]] = {}
         for start_ns, stop_ns in _places(bag, topic):
-            for edge, T in _stated(bag, [topic], start_ns, stop_ns):
-                found.setdefault(edge, []).append(T)
-        for (parent, child), poses in found.items():
+            for edge, T in _read_transforms(bag, [topic], start_ns, stop_ns):
+                poses_by_edge.setdefault(edge, []).append(T)
+        for (parent, child), poses in poses_by_edge.items():
             if any(np.abs(T - poses[0]).max() > SAME for T in poses):
                 moving.append(MotionSource(topic, child, parent))
             elif (parent, child) not in tree.edges:
@@ -145,12 +145,12 @@ def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:
     return tree, moving
 
 
-def _stated(
+def _read_transforms(
     bag: Bag, topics: Sequence[Topic], start_ns: int | None = None, stop_ns: int | None = None
 ) -> Iterator[tuple[Edge, Pose]]:
     for message in bag.messages(topics, start_ns, stop_ns):
         with suppress(MessageError):
-            yield from stated_transforms(message.content.transforms)
+            yield from read_transforms(message.content.transforms)
 
 
 def _places(bag: Bag, topic: Topic) -> list[tuple[int, int]]:
@@ -166,7 +166,7 @@ def find_motion(
     tree: FrameTree,
     moving: Sequence[MotionSource],
     lidar: str,
-    wanted: str | None,
+    topic_name: str | None,
     frame: str | None,
 ) -> tuple[Trajectory | None, str | None]:
     """Find the topic that states the motion of the LiDAR.
@@ -176,7 +176,7 @@ def find_motion(
         tree: Its fixed transforms.
         moving: Its frames that topics of transforms move.
         lidar: Frame of the sweeps.
-        wanted: Name of the topic, or `none`; None for the only one.
+        topic_name: Name of the topic, or `none`; None for the only one.
         frame: Frame whose poses the topic holds; None for the one that its messages name.
 
     Returns:
@@ -186,22 +186,24 @@ def find_motion(
     Raises:
         InputError: the wanted topic is missing or does not fit.
     """
-    if wanted == NONE:
+    if topic_name == NONE:
         return None, None
-    fixed = tree.reached(lidar)
-    carrying = [each for each in moving if each.frame in fixed and each.parent not in fixed]
-    posed = _posed(bag, wanted, frame)
-    if wanted is not None:
-        carrying = [each for each in carrying if each.topic.name == wanted and frame in (None, each.frame)]
-    usable = [each for each in posed if each.frame and each.frame in fixed] or carrying
-    if len(usable) == 1:
-        return Trajectory(usable[0], inverse(fixed[usable[0].frame])), None
-    if wanted is not None:
-        raise _misfit(bag, wanted, posed, carrying, fixed)
-    if usable:
-        names = listed(f"{each.topic.name} of {each.frame} in {each.parent}" for each in usable)
+    fixed = tree.transforms_from(lidar)
+    carriers = [source for source in moving if source.frame in fixed and source.parent not in fixed]
+    pose_sources = _pose_sources(bag, topic_name, frame)
+    if topic_name is not None:
+        carriers = [
+            source for source in carriers if source.topic.name == topic_name and frame in (None, source.frame)
+        ]
+    sources = [source for source in pose_sources if source.frame and source.frame in fixed] or carriers
+    if len(sources) == 1:
+        return Trajectory(sources[0], inverse(fixed[sources[0].frame])), None
+    if topic_name is not None:
+        raise _misfit(bag, topic_name, pose_sources, carriers, fixed)
+    if sources:
+        names = listed(f"{source.topic.name} of {source.frame} in {source.parent}" for source in sources)
         return None, f"several topics state a motion, {names}: choose one with --motion"
-    others = dict.fromkeys(each.topic.name for each in (*posed, *moving))
+    others = dict.fromkeys(source.topic.name for source in (*pose_sources, *moving))
     if not others:
         return None, None
     reason = f"no motion: no fixed transform connects the frames of {listed(others)} to {lidar!r}"
@@ -210,40 +212,42 @@ def find_motion(
 
 def _misfit(
     bag: Bag,
-    wanted: str,
-    posed: Sequence[MotionSource],
-    carrying: Sequence[MotionSource],
+    topic_name: str,
+    pose_sources: Sequence[MotionSource],
+    carriers: Sequence[MotionSource],
     fixed: Iterable[str],
 ) -> InputError:
     """Explain why the wanted topic states no motion of the LiDAR."""
-    known = [topic for topic in bag.of_types([ODOMETRY, POSE, *TRANSFORMS]) if topic.name != TF_STATIC]
-    if wanted not in [topic.name for topic in known]:
-        names = listed([*(topic.name for topic in known), NONE])
-        return InputError(f"--motion: found no topic {wanted!r} of poses, needed one of: {names}")
-    if not posed:
-        found = listed(f"{each.frame} in {each.parent}" for each in carrying)
+    topics = [topic for topic in bag.of_types([ODOMETRY, POSE, *TRANSFORMS]) if topic.name != TF_STATIC]
+    if topic_name not in [topic.name for topic in topics]:
+        names = listed([*(topic.name for topic in topics), NONE])
+        return InputError(f"--motion: found no topic {topic_name!r} of poses, needed one of: {names}")
+    if not pose_sources:
+        frames = listed(f"{source.frame} in {source.parent}" for source in carriers)
         return InputError(
-            f"--motion {wanted}: found the moving frames {found}, needed one that the LiDAR is fixed to"
+            f"--motion {topic_name}: found the moving frames {frames}, needed one that the LiDAR is fixed to"
         )
-    if posed[0].topic.is_a([POSE]) and not posed[0].frame:
+    if pose_sources[0].topic.is_a([POSE]) and not pose_sources[0].frame:
         needed = "needed --motion-frame FRAME: a PoseStamped does not say whose pose it is"
-        return InputError(f"--motion {wanted}: {needed}")
+        return InputError(f"--motion {topic_name}: {needed}")
     needed = f"needed those of a frame that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
-    return InputError(f"--motion {wanted}: found poses of {posed[0].frame or 'nothing'!r}, {needed}")
+    return InputError(
+        f"--motion {topic_name}: found poses of {pose_sources[0].frame or 'nothing'!r}, {needed}"
+    )
 
 
-def _posed(bag: Bag, wanted: str | None, frame: str | None) -> list[MotionSource]:
+def _pose_sources(bag: Bag, topic_name: str | None, frame: str | None) -> list[MotionSource]:
     """List the topics of poses, or only the wanted one; the frame is empty if its messages do not name one."""
-    found = []
+    sources = []
     for topic in bag.of_types([ODOMETRY, POSE]):
-        if wanted in (None, topic.name):
+        if topic_name in (None, topic.name):
             child, parent, first = "", None, bag.first(topic)
             if first is not None:
                 with suppress(MessageError):
                     child = plain_frame(first.content.child_frame_id) if topic.is_a([ODOMETRY]) else ""
                     parent = first.frame_id
-            found.append(MotionSource(topic, frame or child, parent))
-    return found
+            sources.append(MotionSource(topic, frame or child, parent))
+    return sources
 
 
 def _poses(message: Message, source: MotionSource) -> list[tuple[int, Pose]]:
@@ -251,9 +255,9 @@ def _poses(message: Message, source: MotionSource) -> list[tuple[int, Pose]]:
     content = message.content
     if message.is_a(*TRANSFORMS):
         return [
-            (each.header.stamp.sec * NS + each.header.stamp.nanosec, T)
-            for each in content.transforms
-            for (parent, child), T in stated_transforms([each])
+            (transform.header.stamp.sec * NS + transform.header.stamp.nanosec, T)
+            for transform in content.transforms
+            for (parent, child), T in read_transforms([transform])
             if (parent, child) == (source.parent, source.frame)
         ]
     if message.frame_id != source.parent:

@@ -33,21 +33,21 @@ class Ros1File:
             if name is not None:
                 self._reader.chunks[place] = chunk._replace(decompressor=partial(unpack, name))
         connections: dict[tuple[str, str], list[Connection]] = {}
-        for each in self._reader.connections:
-            connections.setdefault((each.topic, each.msgtype), []).append(each)
-        self.topics = [Topic(*key, self._span(several), is_ros1=True) for key, several in connections.items()]
+        for connection in self._reader.connections:
+            connections.setdefault((connection.topic, connection.msgtype), []).append(connection)
+        self.topics = [Topic(*key, self._span(group), is_ros1=True) for key, group in connections.items()]
 
     def messages(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield the messages of some topics from `start_ns` to before `stop_ns`, in the order of receipt."""
-        wanted = [
-            each
-            for each in self._reader.connections
-            if Topic(each.topic, each.msgtype, is_ros1=True) in topics
+        connections = [
+            connection
+            for connection in self._reader.connections
+            if Topic(connection.topic, connection.msgtype, is_ros1=True) in topics
         ]
-        for connection, received_ns, raw in self._reader.messages(wanted, start_ns, stop_ns):
+        for connection, received_ns, raw in self._reader.messages(connections, start_ns, stop_ns):
             yield Message(Topic(connection.topic, connection.msgtype, is_ros1=True), received_ns, raw)
 
     def _span(self, connections: Sequence[Connection]) -> Span:
         """Count messages and find their times in the index, without unpacking chunks."""
-        times = [each.time for connection in connections for each in self._reader.indexes[connection.id]]
+        times = [entry.time for connection in connections for entry in self._reader.indexes[connection.id]]
         return Span(len(times), min(times), max(times)) if times else Span()

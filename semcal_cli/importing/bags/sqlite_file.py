@@ -39,8 +39,10 @@ class SqliteFile:
         self._database.execute("PRAGMA trusted_schema = OFF")
         spans = self._spans()
         missing = [] if self.is_indexed else ["its end: the database is cut off or damaged"]
-        if odd := sum(span.num_messages for (_, is_message), span in spans.items() if not is_message):
-            missing.append(f"{odd:,} rows whose timestamp is not a whole number or whose data are not bytes")
+        if num_odd := sum(span.num_messages for (_, is_message), span in spans.items() if not is_message):
+            missing.append(
+                f"{num_odd:,} rows whose timestamp is not a whole number or whose data are not bytes"
+            )
         log = path.with_name(f"{path.name}-wal")
         if log.is_file() and (size := log.stat().st_size):
             missing.append(f"the content of {log.name}, {size:,} bytes: the recording was not closed")
@@ -88,9 +90,9 @@ class SqliteFile:
         spans: Spans = {}
         try:
             for topic_id, is_message, time_ns, _ in self._database.execute(ROWS.format("1")):
-                one = Span(1, time_ns, time_ns) if is_message else Span(1)
+                row_span = Span(1, time_ns, time_ns) if is_message else Span(1)
                 key = topic_id, is_message
-                spans[key] = spans.get(key, Span()).joined(one)
+                spans[key] = spans.get(key, Span()).join(row_span)
         except sqlite3.DatabaseError:  # What was read before the damage is kept.
             self.is_indexed = False
         return spans

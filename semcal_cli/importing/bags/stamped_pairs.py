@@ -19,11 +19,11 @@ MARGIN_NS = NS // 20
 """How much is read beyond the longest time so far from the receipt of an image to that of its sweep."""
 CLOSE = 0.4
 """Gap, relative to the time from sweep to sweep, below which no other sweep can be nearer to an image."""
-LEARNED = 5
+NUM_LEARNED = 5
 """Number of pairs after which it is known how long before their sweeps images are received."""
 
 
-class Pair(NamedTuple):
+class StampedPair(NamedTuple):
     """A sweep and the image nearest in time."""
 
     sweep: Message
@@ -104,7 +104,7 @@ class Pairing:
     @property
     def before_ns(self) -> int:
         """How much to read before a wanted time, so that the image of its sweep is included."""
-        return BEFORE_NS if self._num_leads < LEARNED else self._lead_ns + MARGIN_NS
+        return BEFORE_NS if self._num_leads < NUM_LEARNED else self._lead_ns + MARGIN_NS
 
     def is_wanted(self, time_ns: int) -> bool:
         """Whether a wanted time up to this one has no sweep yet."""
@@ -115,7 +115,7 @@ class Pairing:
         messages: Iterable[Message],
         goal_ns: int | None = None,
         trajectory: Trajectory | None = None,
-    ) -> Iterator[Pair]:
+    ) -> Iterator[StampedPair]:
         """Yield the pairs of a stretch of the recording, in order.
 
         Args:
@@ -170,7 +170,7 @@ class Pairing:
         self._retry_until_ns = 0
         return is_taken
 
-    def _settled(self, now: Message | None) -> Iterator[Pair]:
+    def _settled(self, now: Message | None) -> Iterator[StampedPair]:
         """Yield the pairs for whose parts no nearer partner can come."""
         while self._waiting:
             first = self._waiting[0]
@@ -199,7 +199,7 @@ class Pairing:
             self._used.add(image.stamp_ns)
             self._num_leads += 1
             self._lead_ns = max(self._lead_ns, first.message.received_ns - image.message.received_ns)
-            yield Pair(first.message, image.message, first.stamp_ns, image.stamp_ns)
+            yield StampedPair(first.message, image.message, first.stamp_ns, image.stamp_ns)
 
     def _is_done(self, goal_ns: int, now_ns: int) -> bool:
         if self._waiting or self._retry_until_ns or self.is_wanted(goal_ns):

@@ -31,7 +31,7 @@ MAX_GAP_S = 0.05
 
 
 @dataclass(frozen=True)
-class Request:
+class BagRequest:
     """What the user asks of a recording."""
 
     paths: Sequence[Path]
@@ -72,7 +72,7 @@ class Topics:
     """The intrinsics; None if a file holds them."""
     is_beside: bool = True
     """Whether the topic of the intrinsics is beside that of the images, or was named by the user."""
-    again: tuple[Topic, ...] = ()
+    duplicates: tuple[Topic, ...] = ()
     """Topics that hold the same sweeps or images in another encoding and that the user did not name."""
 
     @property
@@ -107,7 +107,7 @@ USES = {
 """Types of messages by their use."""
 
 
-def choose_topics(bag: Bag, request: Request) -> Topics:
+def choose_topics(bag: Bag, request: BagRequest) -> Topics:
     """Choose the topics that the user names, or the only ones of their kind.
 
     Raises:
@@ -121,60 +121,66 @@ def choose_topics(bag: Bag, request: Request) -> Topics:
     image = _choose(bag, IMAGES, request.image, "--image", "images (Image, CompressedImage, video)")
     if image.is_a(VIDEOS):
         check_installed(image.name, "av", "bag")
-    again = (
+    duplicates = (
         *(_others_of(bag.of_types(CLOUDS), points) if request.points is None else ()),
         *(_others_of(bag.of_types(IMAGES), image) if request.image is None else ()),
     )
     if request.intrinsics is not None:
-        return Topics(points, image, None, again=again)
-    beside = _info_beside(bag, image) if request.camera_info is None else None
+        return Topics(points, image, None, duplicates=duplicates)
+    info_beside = _info_beside(bag, image) if request.camera_info is None else None
     needed = "; needed one, or --intrinsics FILE"
-    info = beside or _choose(
+    info = info_beside or _choose(
         bag, [CAMERA_INFO], request.camera_info, "--camera-info", "intrinsics (CameraInfo)", needed
     )
     return Topics(
-        points, image, info, is_beside=beside is not None or request.camera_info is not None, again=again
+        points,
+        image,
+        info,
+        is_beside=info_beside is not None or request.camera_info is not None,
+        duplicates=duplicates,
     )
 
 
 def _choose(
-    bag: Bag, types: Sequence[str], wanted: str | None, option: str, what: str, advice: str = ""
+    bag: Bag, types: Sequence[str], name: str | None, option: str, kind: str, advice: str = ""
 ) -> Topic:
-    known = bag.of_types(types)
-    names = listed(topic.name for topic in known)
-    if wanted is not None:
-        found = [topic for topic in known if topic.name == wanted]
-        if not found:
-            raise InputError(f"{option}: found no topic {wanted!r} of {what}, needed one of: {names}")
-        return found[0]
-    if not known:
+    topics = bag.of_types(types)
+    names = listed(topic.name for topic in topics)
+    if name is not None:
+        matches = [topic for topic in topics if topic.name == name]
+        if not matches:
+            raise InputError(f"{option}: found no topic {name!r} of {kind}, needed one of: {names}")
+        return matches[0]
+    if not topics:
         others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))
         if types is CLOUDS and bag.of_types(OUSTER):
             advice = REPLAY_OUSTER
-        raise InputError(f"{bag.paths[0]}: found no topic of {what}, only {others}{advice}")
-    again = {other for topic in known for other in _others_of(known, topic)}
-    known = [topic for topic in known if topic not in again]
-    if len(known) > 1:
-        names = listed(topic.name for topic in known)
-        raise InputError(f"{option}: found {len(known):,} topics of {what}, needed one of: {names}")
-    return known[0]
+        raise InputError(f"{bag.paths[0]}: found no topic of {kind}, only {others}{advice}")
+    duplicates = {other for topic in topics for other in _others_of(topics, topic)}
+    topics = [topic for topic in topics if topic not in duplicates]
+    if len(topics) > 1:
+        names = listed(topic.name for topic in topics)
+        raise InputError(f"{option}: found {len(topics):,} topics of {kind}, needed one of: {names}")
+    return topics[0]
 
 
-def _others_of(known: Sequence[Topic], topic: Topic) -> list[Topic]:
+def _others_of(topics: Sequence[Topic], topic: Topic) -> list[Topic]:
     """List the topics that hold the messages of a topic in another encoding, as image_raw/compressed."""
-    return [other for other in known if other.name in {f"{topic.name}/{each}" for each in TRANSPORTS}]
+    return [
+        other for other in topics if other.name in {f"{topic.name}/{transport}" for transport in TRANSPORTS}
+    ]
 
 
 def _info_beside(bag: Bag, image: Topic) -> Topic | None:
     """Find the camera_info beside image_raw, whose compressed images are a level deeper (image_transport)."""
     folder = Path(image.name).parent
-    names = [f"{str(each).rstrip('/')}/camera_info" for each in (folder, folder.parent)]
-    known = {topic.name: topic for topic in bag.of_types([CAMERA_INFO])}
-    return next((known[name] for name in names if name in known), None)
+    names = [f"{str(parent).rstrip('/')}/camera_info" for parent in (folder, folder.parent)]
+    topics = {topic.name: topic for topic in bag.of_types([CAMERA_INFO])}
+    return next((topics[name] for name in names if name in topics), None)
 
 
 def roles(bag: Bag) -> dict[Topic, str]:
-    """Say for each usable topic what it is used for."""
+    """Describe what each usable topic is used for."""
     return {
         topic: "fixed frames" if topic.name == TF_STATIC else use
         for use, types in USES.items()

@@ -40,29 +40,29 @@ class FrameTree:
             self.changed.add(edge)
         self.edges[edge] = T
 
-    def reached(self, frame: str) -> dict[str, Pose]:
+    def transforms_from(self, frame: str) -> dict[str, Pose]:
         """Find every frame that is fixed to a frame, including itself, with T_frame_other (4, 4)."""
         neighbours: dict[str, list[tuple[str, Pose]]] = {}
         for (parent, child), T in self.edges.items():
             neighbours.setdefault(parent, []).append((child, T))
             neighbours.setdefault(child, []).append((parent, inverse(T)))
-        found, waiting = {frame: np.eye(4)}, deque([frame])
-        while waiting:
-            here = waiting.popleft()
-            for there, T in neighbours.get(here, []):
-                chained = found[here] @ T
-                if there not in found:
-                    found[there] = chained
-                    waiting.append(there)
-                elif np.abs(found[there] - chained).max() > CONTRADICTION:
-                    self.contradictory |= {here, there}
-        return found
+        transforms, queue = {frame: np.eye(4)}, deque([frame])
+        while queue:
+            current = queue.popleft()
+            for neighbour, T in neighbours.get(current, []):
+                T_frame_other = transforms[current] @ T
+                if neighbour not in transforms:
+                    transforms[neighbour] = T_frame_other
+                    queue.append(neighbour)
+                elif np.abs(transforms[neighbour] - T_frame_other).max() > CONTRADICTION:
+                    self.contradictory |= {current, neighbour}
+        return transforms
 
-    def missing(self, source: str, target: str) -> str:
-        """Say why there is no chain between two frames."""
+    def describe_gap(self, source: str, target: str) -> str:
+        """Describe why there is no chain between two frames."""
         if not self.edges:
             return "there are no fixed transforms"
-        from_source, from_target = (listed(sorted(self.reached(frame))) for frame in (source, target))
+        from_source, from_target = (listed(sorted(self.transforms_from(frame))) for frame in (source, target))
         return f"no chain of fixed transforms connects {from_source} with {from_target}"
 
 
@@ -83,17 +83,17 @@ def reference(
     Raises:
         InputError: R is not a rotation.
     """
-    told = []
+    remarks = []
     if tree.changed:
         edges = listed(f"{parent} to {child}" for parent, child in sorted(tree.changed))
-        told.append(f"{TF_STATIC} states several transforms of {edges}: the last one is used")
-    T = tree.reached(optical).get(lidar)
+        remarks.append(f"{TF_STATIC} states several transforms of {edges}: the last one is used")
+    T = tree.transforms_from(optical).get(lidar)
     if lidar == optical:
         why_not = f": sweeps and images both have the frame {lidar!r}"
     elif T is not None and tree.contradictory:
         why_not = f": fixed transforms contradict one another at {listed(sorted(tree.contradictory))}"
     elif T is None or not lidar:
-        why_not = f" from {lidar!r} to {optical!r}: {tree.missing(lidar, optical)}"
+        why_not = f" from {lidar!r} to {optical!r}: {tree.describe_gap(lidar, optical)}"
     elif rectification is not None and (rectification["P"][3] or rectification["P"][7]):
         why_not = ": P belongs to the second camera of a stereo pair, whose frame is not stated"
     else:
@@ -101,21 +101,21 @@ def reference(
             T[:3] = np.reshape(rectification["R"], (3, 3)) @ T[:3]
             T = rigid(f"{optical}: R of the camera in this frame", T)
         return T, [
-            *told,
+            *remarks,
             f"the reference T_camera_lidar comes from the recording, from {lidar!r} to {optical!r}",
         ]
-    return None, [*told, f"no reference{why_not}"]
+    return None, [*remarks, f"no reference{why_not}"]
 
 
-def stated_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:
+def read_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:
     """Read TransformStamped messages: T_parent_child (4, 4) by parent and child, without those that are not rigid."""
-    found = []
-    for each in transforms:
-        T = pose_of(each.transform.rotation, each.transform.translation)
-        edge = plain_frame(each.header.frame_id), plain_frame(each.child_frame_id)
+    poses = []
+    for message in transforms:
+        T = pose_of(message.transform.rotation, message.transform.translation)
+        edge = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
         if T is not None and edge[0] != edge[1]:
-            found.append((edge, T))
-    return found
+            poses.append((edge, T))
+    return poses
 
 
 def pose_of(rotation: Any, position: Any) -> Pose | None:

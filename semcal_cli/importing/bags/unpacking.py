@@ -32,12 +32,12 @@ def unpack(compression: str, packed: bytes, max_bytes: int = MAX_UNPACKED_BYTES)
             return _unpack_zstd(packed, max_bytes)
         case "lz4" | "bz2":
             decompressor = LZ4FrameDecompressor() if compression == "lz4" else BZ2Decompressor()
-            found: bytes = decompressor.decompress(packed, max_bytes + 1)
-            if len(found) > max_bytes:
+            unpacked: bytes = decompressor.decompress(packed, max_bytes + 1)
+            if len(unpacked) > max_bytes:
                 raise _too_many(max_bytes)
             if not decompressor.eof:
                 raise ValueError("found compressed data that are cut off")
-            return found
+            return unpacked
     raise ValueError(f"found the compression {compression[:40]!r}, needed zstd, lz4 or bz2")
 
 

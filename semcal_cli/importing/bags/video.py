@@ -35,7 +35,7 @@ MAX_GROUP_BYTES = 1 << 28
 """Largest size of a key frame together with the frames up to the next one."""
 
 
-class Group:
+class PictureGroup:
     """A key frame, and the frames that follow until the next one."""
 
     def __init__(self, codec: str) -> None:
@@ -72,7 +72,7 @@ class _Frame(NamedTuple):
 class Packet(Message):
     """A frame of a video, with the group that it belongs to."""
 
-    group: Group | None = field(default=None, compare=False, repr=False)
+    group: PictureGroup | None = field(default=None, compare=False, repr=False)
     """Its group; None before the first key frame."""
     index: int = 0
     """Its place in the group."""
@@ -98,7 +98,7 @@ class Video:
     def __init__(self, bag: Bag, topic: Topic) -> None:
         """Read the packets of a topic."""
         self._bag, self._topic = bag, topic
-        self._group: Group | None = None
+        self._group: PictureGroup | None = None
         self._read_ns = bag.start_ns
         self._decoder: _Decoder | None = None
 
@@ -110,8 +110,8 @@ class Video:
             packets = self._bag.messages([self._topic], first_ns, start_ns)
             last = packets if first_ns == self._read_ns else _last_group(packets)
             if last is not None:
-                for each in last:
-                    self.take(each)
+                for packet in last:
+                    self.take(packet)
                 self._read_ns = start_ns
             back_ns *= 2
 
@@ -124,7 +124,7 @@ class Video:
             return Packet(message.topic, message.received_ns, message.raw)
         data = frame.data
         if frame.is_key:
-            self._group = Group(frame.codec)
+            self._group = PictureGroup(frame.codec)
         group = self._group
         if group is not None and group.num_bytes + len(data) > MAX_GROUP_BYTES:
             group = self._group = None
@@ -155,7 +155,7 @@ class Video:
 class _Decoder:
     """Decodes the frames of a group in their order."""
 
-    def __init__(self, group: Group) -> None:
+    def __init__(self, group: PictureGroup) -> None:
         import av
 
         self._group, self._next = group, 0
@@ -169,9 +169,9 @@ class _Decoder:
         context.options = {"max_pixels": str(MAX_PIXELS)}
         self._context = context
 
-    def is_before(self, group: Group, index: int) -> bool:
+    def is_before(self, group: PictureGroup, index: int) -> bool:
         """Whether the decoder can still return a frame."""
-        first = min([each.pts for each in self._ready if each.pts is not None], default=self._next)
+        first = min([frame.pts for frame in self._ready if frame.pts is not None], default=self._next)
         return group is self._group and index >= first and not (self._is_flushed and index >= self._next)
 
     def frame(self, index: int) -> npt.NDArray[np.uint8]:
@@ -185,11 +185,11 @@ class _Decoder:
         try:
             while not self._is_flushed or self._ready:
                 while self._ready:
-                    found = self._ready.popleft()
-                    if found.pts == index:
-                        if found.is_corrupt:
+                    frame = self._ready.popleft()
+                    if frame.pts == index:
+                        if frame.is_corrupt:
                             raise MessageError("found a damaged video frame")
-                        return np.asarray(found.to_ndarray(format="bgr24"), np.uint8)
+                        return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
                 packet = None
                 if self._next < len(self._group.frames):
                     packet = av.Packet(self._group.frames[self._next])
@@ -206,14 +206,14 @@ def _last_group(packets: Iterable[Message]) -> list[Message] | None:
     """Find the last key frame and the frames after it; none of a group that is too large, None without a key frame."""
     group: list[Message] | None = None
     num_bytes = 0
-    for each in packets:
+    for packet in packets:
         with suppress(MessageError):
-            if _frame(each).is_key:
+            if _frame(packet).is_key:
                 group, num_bytes = [], 0
         if group is not None:
-            num_bytes += len(each.raw)
+            num_bytes += len(packet.raw)
             if num_bytes <= MAX_GROUP_BYTES:
-                group.append(each)
+                group.append(packet)
             else:
                 group.clear()
     return group
@@ -236,7 +236,7 @@ def _frame(message: Message) -> _Frame:
 
 
 def _nal_units(data: bytes, shift: int, mask: int) -> Iterator[int]:
-    return (each[1][0] >> shift & mask for each in NAL_UNIT.finditer(data))
+    return (match[1][0] >> shift & mask for match in NAL_UNIT.finditer(data))
 
 
 def _av1_units(data: bytes) -> Iterator[int]:

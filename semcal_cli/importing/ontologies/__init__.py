@@ -44,22 +44,22 @@ class Ontology(StrictModel):
     @field_validator("classes")
     @classmethod
     def _check_ids(cls, classes: dict[str, NamedClass]) -> dict[str, NamedClass]:
-        for name, named in classes.items():
+        for name, entry in classes.items():
             if not name.strip() or not name.isprintable():
                 raise ValueError(f"found {describe(name)}, needed a printable name on one line")
-            if not named.ids:
+            if not entry.ids:
                 raise ValueError(f"{name}: found no ids, needed at least one")
-        check_distinct({name: [f"id {value}" for value in named.ids] for name, named in classes.items()})
+        check_distinct({name: [f"id {value}" for value in entry.ids] for name, entry in classes.items()})
         check_distinct({name: [f"color {list(c.color)}"] for name, c in classes.items() if c.color})
         return classes
 
     def ids(self) -> dict[str, list[int]]:
         """List the raw ids of each name, as in the `classes:` block of a drive."""
-        return {name: list(named.ids) for name, named in self.classes.items()}
+        return {name: list(entry.ids) for name, entry in self.classes.items()}
 
     def palette(self) -> dict[str, list[int]]:
         """List the colour of each name, as in the `palette:` block of a drive; empty without colours."""
-        return {name: list(named.color) for name, named in self.classes.items() if named.color}
+        return {name: list(entry.color) for name, entry in self.classes.items() if entry.color}
 
     def in_red(self) -> Ontology:
         """Make the table for label images whose red channel is the id and whose green and blue are 0.
@@ -68,17 +68,17 @@ class Ontology(StrictModel):
             InputError: a class has several ids, which would be several colours, or an id above 255.
         """
         classes = {}
-        for name, named in self.classes.items():
-            if len(named.ids) != 1:
+        for name, entry in self.classes.items():
+            if len(entry.ids) != 1:
                 raise InputError(
-                    f"class {name!r}: found {counted(len(named.ids), 'id')}, needed one: "
+                    f"class {name!r}: found {counted(len(entry.ids), 'id')}, needed one: "
                     "the label images are colours, and a palette has one colour per class"
                 )
-            if named.ids[0] > MAX_RED:
+            if entry.ids[0] > MAX_RED:
                 raise InputError(
-                    f"class {name!r}: found id {named.ids[0]}, needed at most {MAX_RED}, the largest value of red"
+                    f"class {name!r}: found id {entry.ids[0]}, needed at most {MAX_RED}, the largest value of red"
                 )
-            classes[name] = NamedClass(ids=named.ids, color=(named.ids[0], 0, 0))
+            classes[name] = NamedClass(ids=entry.ids, color=(entry.ids[0], 0, 0))
         return Ontology(ignore=self.ignore, classes=classes)
 
 
@@ -95,9 +95,9 @@ def read_ontology(name: str) -> Ontology:
     Raises:
         InputError: the table does not exist, or is wrong.
     """
-    shipped = name in ontology_names()
-    path = FOLDER / f"{name}.yaml" if shipped else Path(name)
-    if not shipped and not path.suffix and not _is_there(path):
+    is_shipped = name in ontology_names()
+    path = FOLDER / f"{name}.yaml" if is_shipped else Path(name)
+    if not is_shipped and not path.suffix and not _is_there(path):
         raise InputError(
             f"found class table {name!r}, needed a file or one of: {', '.join(ontology_names())}"
         )

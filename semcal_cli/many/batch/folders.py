@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.input_files import FILE, FOLDER, LINK, check_own_file, kind_of, read_start
-from semcal_cli.files.output_files import locked, make_folder, open_own
+from semcal_cli.files.output_files import lock_file, make_folder, open_own
 from semcal_cli.many.batch.records import CSV, JSONL
 from semcal_cli.many.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task, folder_of
 
@@ -112,7 +112,7 @@ def claim_folder(folder: Path) -> Iterator[int]:
     Raises:
         InputError: another batch is using the folder, or it cannot be written to.
     """
-    with locked(folder / LOCK, "batch") as lock:
+    with lock_file(folder / LOCK, "batch") as lock:
         _write_mark(lock, folder / LOCK)
         yield lock
 

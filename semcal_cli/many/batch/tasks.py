@@ -16,7 +16,7 @@ from semcal_cli.drive.document import DRIVE_FILE, Stamp, drive_file, first_stamp
 from semcal_cli.errors import InputError, printable
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import MAX_DOCUMENT_BYTES, is_folder, read_start
-from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
+from semcal_cli.files.validation import Figure, FileName, RigidTransform, StrictModel, length, validate
 from semcal_cli.result.calibration_document import Topic, read_calibration
 from semcal_cli.result.provenance import camera_hash
 from semcal_cli.result.uncertainty import Covariance, CovarianceEntries, check_part
@@ -183,7 +183,7 @@ class Outcome(StrictModel):
     """Topic of each reason, which is its entry in docs/troubleshooting.md; empty for a drive that has failed."""
     stamp: Stamp | None = None
     """Stamp of the first frame in seconds, if it has one."""
-    T_camera_lidar: Transform | None = None
+    T_camera_lidar: RigidTransform | None = None
     """(4, 4) rows of the transform."""
     covariance: CovarianceEntries | None = None
     """(6, 6) covariance of xi = (rho, phi), camera frame, left perturbation."""

@@ -12,17 +12,17 @@ import numpy as np
 from semcal_cli.config import StartsConfig
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import counted, describe, listed
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.observations.observations import NO_CLASS, FrameObservation, Observations
 
-Observe: TypeAlias = Callable[[Drive, Sweeps | None, bool], Observations]
+Observe: TypeAlias = Callable[[Drive, SweepCache | None, bool], Observations]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cue:
     """A way to give points and pixels classes whose mutual information depends on the pose."""
 
-    observe: Callable[[Drive, Sweeps | None, bool], Observations]
+    observe: Callable[[Drive, SweepCache | None, bool], Observations]
     """Loads every frame of a drive with the classes of the cue, or, if the last argument is true, with its unprocessed
     data. Raises InputError or CalibrationError."""
     files: tuple[str, ...]
@@ -58,7 +58,7 @@ def checked(cue: Cue, guarded: Callable[[Observe], Observe]) -> Cue:
     except TypeError as error:
         raise TypeError(f"config: {error}; needed a dataclass of numbers and text") from None
 
-    def observe(drive: Drive, sweeps: Sweeps | None, is_raw: bool) -> Observations:
+    def observe(drive: Drive, sweeps: SweepCache | None, is_raw: bool) -> Observations:
         found = cue.observe(drive, sweeps, is_raw)
         _check(found, drive)
         return found

@@ -13,7 +13,7 @@ from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.config.cues import PLUGINS, cue_names
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError, one_of
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.observations.cues import edges, features, intensity, segments
 from semcal_cli.observations.cues.cue import Cue, checked
 from semcal_cli.observations.frame_selection import select_frames, with_few_frames
@@ -23,7 +23,7 @@ from semcal_cli.observations.reading import load_observations, read_clouds, read
 Labelled = TypeVar("Labelled", LabelledCloud, LabelledImage)
 
 
-def _observe_labels(drive: Drive, sweeps: Sweeps | None, is_raw: bool) -> Observations:
+def _observe_labels(drive: Drive, sweeps: SweepCache | None, is_raw: bool) -> Observations:
     return read_observations(drive, sweeps) if is_raw else load_observations(drive, sweeps)
 
 
@@ -48,8 +48,8 @@ def find_cue(name: CueName) -> Cue:
         return CUES[name]
     if (cue := PLUGINS.get(name, Cue)) is None:
         raise InputError(f"cues: found {name!r}, needed {one_of(name, cue_names())}")
-    with PLUGINS.blamed(name):
-        return checked(cue, partial(PLUGINS.guarded, name))
+    with PLUGINS.name_in_errors(name):
+        return checked(cue, partial(PLUGINS.guard, name))
 
 
 def maximised(cues: Sequence[CueName]) -> tuple[CueName, ...]:
@@ -77,7 +77,7 @@ def allowed(cues: tuple[CueName, ...], drive: Drive) -> tuple[CueName, ...]:
     return AUTO if cues == LABELS else tuple(filter(has_files, cues)) or AUTO
 
 
-def chosen(cues: Sequence[CueName], drive: Drive, sweeps: Sweeps) -> tuple[CueName, ...]:
+def chosen(cues: Sequence[CueName], drive: Drive, sweeps: SweepCache) -> tuple[CueName, ...]:
     """Replace `auto` by the best cues that the files of a drive allow.
 
     On real drives, the error is a tenth of a degree with edges, and a degree with segments, which need no start. If the
@@ -123,7 +123,7 @@ def files_of(cues: Sequence[CueName]) -> list[str]:
 
 
 def load_cues(
-    drive: Drive, cues: Sequence[CueName], sweeps: Sweeps | None = None, *, is_raw: bool = False
+    drive: Drive, cues: Sequence[CueName], sweeps: SweepCache | None = None, *, is_raw: bool = False
 ) -> Observations:
     """Load every frame of a drive with the classes of one or more cues; each sweep is read once.
 
@@ -133,7 +133,7 @@ def load_cues(
         InputError: a file is missing or wrong, or a cue needs a file that the drive does not name.
         CalibrationError: the points or the pixels carry no information.
     """
-    sweeps = Sweeps() if sweeps is None else sweeps
+    sweeps = SweepCache() if sweeps is None else sweeps
     found = [find_cue(cue).observe(drive, sweeps, is_raw) for cue in cues]
     if "intensity" in cues:
         weight = segments.SEGMENTS.weight_by_intensity

@@ -22,9 +22,9 @@ from semcal_cli.config import ExactConfig, StartsConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, about
-from semcal_cli.files.array_forms import Cloud
-from semcal_cli.files.point_clouds import Sweeps
-from semcal_cli.geometry.arrays import Classes, Mask, Values
+from semcal_cli.files.array_forms import SweepCloud
+from semcal_cli.files.point_clouds import SweepCache
+from semcal_cli.geometry.arrays import ClassIds, Mask, Values
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.intensity import grey_values, lens_mask, surroundings
 from semcal_cli.observations.motion import compensated
@@ -70,7 +70,7 @@ EDGES = EdgesConfig()
 
 
 def observe_edges(
-    drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: EdgesConfig = EDGES
+    drive: Drive, sweeps: SweepCache | None = None, is_raw: bool = False, config: EdgesConfig = EDGES
 ) -> Observations:
     """Load every frame of a drive, with levels of steps and of gradients as classes, whether raw or not.
 
@@ -96,7 +96,7 @@ def observe_edges(
         config.blur_rays * found.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
     )
 
-    def levels_of(frame: Frame) -> Classes:
+    def levels_of(frame: Frame) -> ClassIds:
         grey = grey_values(drive, frame)
         with about(drive.resolve(str(frame.image))):
             return _levels(drive.camera, grey, seen, blur_px, config)
@@ -120,7 +120,7 @@ def observe_edges(
 class SweepEdges(NamedTuple):
     """The edges of the sweeps of a drive."""
 
-    classes: list[Classes]
+    classes: list[ClassIds]
     """Class of each point (N,) of each sweep; `NO_CLASS` without a return, and for surplus points without an edge."""
     to_steps_m: list[Values]
     """(N, 3) vector from each point with an edge to the step, half-way to its neighbour, metres; 0 for others."""
@@ -131,7 +131,7 @@ class SweepEdges(NamedTuple):
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
 
 
-def edges_of_sweeps(clouds: Sequence[Cloud], config: EdgesConfig = EDGES) -> SweepEdges:
+def edges_of_sweeps(clouds: Sequence[SweepCloud], config: EdgesConfig = EDGES) -> SweepEdges:
     """Find the edges of sweeps, in the order of the scan."""
     given = [cloud.intensity for cloud in clouds]
     found = [np.nan_to_num(each.astype(np.float32)) for each in given if each is not None]
@@ -160,7 +160,7 @@ def edges_of_sweeps(clouds: Sequence[Cloud], config: EdgesConfig = EDGES) -> Swe
     return SweepEdges(classes, to_steps_m, names, float(np.median([each.spacing for each in steps])))
 
 
-def _classes(cloud: Cloud, steps: core.Steps, limits: Sequence[float], config: EdgesConfig) -> Classes:
+def _classes(cloud: SweepCloud, steps: core.Steps, limits: Sequence[float], config: EdgesConfig) -> ClassIds:
     classes = np.full(len(steps.range_m), NO_EDGE, np.uint8)
     if steps.intensity is not None:
         for level, limit in enumerate(limits):
@@ -179,7 +179,7 @@ def _classes(cloud: Cloud, steps: core.Steps, limits: Sequence[float], config: E
 
 def _levels(
     camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, blur_px: float, config: EdgesConfig
-) -> Classes:
+) -> ClassIds:
     """Compute the level (H, W) of the left-to-right gradient of grey values (H, W), relative to its surroundings."""
     strength, is_inside = gradients(camera, grey, seen, blur_px, config)
     if not is_inside.any():

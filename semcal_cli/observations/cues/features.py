@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError, counted
-from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.input_files import map_array
-from semcal_cli.files.point_clouds import A_POINT, Sweeps, max_bytes
+from semcal_cli.files.point_clouds import PER_POINT, SweepCache, max_bytes
 from semcal_cli.geometry.arrays import Features
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.motion import compensated
@@ -46,7 +46,7 @@ FEATURES = FeaturesConfig()
 
 
 def observe_features(
-    drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: FeaturesConfig = FEATURES
+    drive: Drive, sweeps: SweepCache | None = None, is_raw: bool = False, config: FeaturesConfig = FEATURES
 ) -> Observations:
     """Load every frame of a drive with its features, scaled to unit variance, and with their codes as classes.
 
@@ -79,7 +79,7 @@ def observe_features(
     return make_observations(drive, clouds, moved, labelled, images, (names, names))
 
 
-def _of_points(drive: Drive, frame: Frame, cloud: Cloud) -> Features:
+def _of_points(drive: Drive, frame: Frame, cloud: SweepCloud) -> Features:
     """Read the features (N, C) of a cloud's returns; the file has a row for every entry of the cloud."""
     path, vectors = _read(drive, frame, "point_features")
     count = len(cloud.is_return)
@@ -104,7 +104,7 @@ def _of_image(drive: Drive, frame: Frame) -> Features:
 def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Features]:
     path = drive.file_of(frame, key, "a .npy file of features")
     if drive.arrays is None:
-        vectors = map_array(path, max_bytes(drive.max_points), A_POINT)
+        vectors = map_array(path, max_bytes(drive.max_points), PER_POINT)
     else:
         vectors = drive.arrays.by_name[getattr(frame, key)]
     if vectors.dtype.kind not in "fiu":

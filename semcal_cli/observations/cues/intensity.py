@@ -20,8 +20,8 @@ from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.array_forms import Cloud
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.array_forms import SweepCloud
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Numbers
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.segments import STARTS
@@ -60,7 +60,7 @@ INTENSITY = IntensityConfig()
 
 
 def observe_intensity(
-    drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: IntensityConfig = INTENSITY
+    drive: Drive, sweeps: SweepCache | None = None, is_raw: bool = False, config: IntensityConfig = INTENSITY
 ) -> Observations:
     """Load every frame of a drive, with levels of intensity as classes.
 
@@ -79,7 +79,7 @@ def observe_intensity(
         grey = grey_values(drive, frame)
         return grey if is_raw else _contrast_of_pixels(drive.camera, grey, seen, config)
 
-    def points_of(frame: Frame, cloud: Cloud, points: npt.NDArray[np.float32]) -> Numbers:
+    def points_of(frame: Frame, cloud: SweepCloud, points: npt.NDArray[np.float32]) -> Numbers:
         intensities = _intensity(drive, frame, cloud)
         return intensities if is_raw else _contrast_of_points(points, intensities, config)
 
@@ -129,7 +129,7 @@ def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:
     return np.asarray(whole[: camera.height, : camera.width])
 
 
-def _intensity(drive: Drive, frame: Frame, cloud: Cloud) -> Numbers:
+def _intensity(drive: Drive, frame: Frame, cloud: SweepCloud) -> Numbers:
     if cloud.intensity is None:
         raise InputError(
             f"{drive.resolve(frame.points)}: found no intensity, needed one for each point for this cue"

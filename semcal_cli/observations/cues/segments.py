@@ -17,7 +17,7 @@ from semcal_cli import core
 from semcal_cli.config import StartsConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, Observations
@@ -63,7 +63,7 @@ SEGMENTS = SegmentsConfig()
 
 
 def observe_segments(
-    drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: SegmentsConfig = SEGMENTS
+    drive: Drive, sweeps: SweepCache | None = None, is_raw: bool = False, config: SegmentsConfig = SEGMENTS
 ) -> Observations:
     """Load every frame of a drive, with segments of its sweep instead of point labels.
 

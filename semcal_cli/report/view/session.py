@@ -17,7 +17,7 @@ from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.documents import document_text, output_format
 from semcal_cli.files.output_files import write_text
 from semcal_cli.formats.node import rigid
@@ -94,7 +94,7 @@ class Session:
     def __init__(
         self,
         data: LoadedDrive,
-        clouds: Sequence[Cloud],
+        clouds: Sequence[SweepCloud],
         config: CalibrationConfig,
         start: Pose | None = None,
         output: Path | None = None,
@@ -250,7 +250,7 @@ class Session:
             raise InputError(f"view: frame: found {frame!r}, needed one of 0 to {num_frames - 1}")
 
 
-def _levels(cloud: Cloud) -> npt.NDArray[np.uint8] | None:
+def _levels(cloud: SweepCloud) -> npt.NDArray[np.uint8] | None:
     """Return the levels (N,) of a sweep's intensities, 0 to 255; None if it has none."""
     if cloud.intensity is None or len(cloud.intensity) == 0:
         return None

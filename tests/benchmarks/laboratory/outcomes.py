@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from laboratory.label_errors import with_shared_errors
 from laboratory.rigs import RIGS, rig_of
 
 from semcal_cli import core
@@ -23,7 +24,7 @@ from semcal_cli.observations.reading import mend, read_observations
 from semcal_cli.pipeline import initialize
 from semcal_cli.pipeline.verification import verify
 from semcal_cli.result.calibration_document import CalibrationDocument
-from semcal_cli.synthetic.label_noise import with_shared_errors, with_wrong_labels
+from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 CONFIDENT_SIGMAS = 4.0
 CONFIDENT_DEG, CONFIDENT_CM = 0.2, 5.0

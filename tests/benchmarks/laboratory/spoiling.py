@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from laboratory.label_errors import POINT_SHARE, imitate_network_pixels
 from laboratory.raw_drive import Labels, RawDrive, RawFrame, transformed
 
 from semcal_cli import core
@@ -16,8 +17,8 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Classes
 from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.arrays import Pose, Vector
-from semcal_cli.geometry.twists import displaced, pose_at
-from semcal_cli.synthetic.label_noise import POINT_SHARE, mislabel, pixels_by_a_network
+from semcal_cli.geometry.twists import displace, pose_at
+from semcal_cli.synthetic.label_noise import mislabel
 
 UNLABELLED = 0
 """Id of points and pixels without a class."""
@@ -36,7 +37,7 @@ def wrong_labels(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDr
 
 def labels_by_a_network(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     """A network labels both sides: borders are off, blobs have wrong classes, and so have some points."""
-    return _relabelled(raw, rng, POINT_SHARE, partial(pixels_by_a_network, rng=rng))
+    return _relabelled(raw, rng, POINT_SHARE, partial(imitate_network_pixels, rng=rng))
 
 
 def _relabelled(
@@ -133,7 +134,7 @@ def point_labels_from_images(
     if is_by_a_network:
         raw = labels_by_a_network(raw, rng)
     off_deg, off_m = rng.uniform(*LEAK_DEG), rng.uniform(*LEAK_M)
-    return projected_labels(raw, displaced(raw.frames[0].T_camera_lidar, off_deg, off_m, rng))
+    return projected_labels(raw, displace(raw.frames[0].T_camera_lidar, off_deg, off_m, rng))
 
 
 def projected_labels(raw: RawDrive, T_camera_lidar: Pose) -> RawDrive:

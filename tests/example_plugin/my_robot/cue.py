@@ -3,7 +3,7 @@
 import numpy as np
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.intensity import grey_values
 from semcal_cli.observations.motion import compensated
@@ -11,7 +11,7 @@ from semcal_cli.observations.observations import LabelledCloud, LabelledImage, O
 from semcal_cli.observations.reading import make_observations, read_clouds
 
 
-def observe(drive: Drive, sweeps: Sweeps | None, is_raw: bool) -> Observations:
+def observe(drive: Drive, sweeps: SweepCache | None, is_raw: bool) -> Observations:
     """Give points the classes near and far, and pixels the classes dark and bright."""
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)

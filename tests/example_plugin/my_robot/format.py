@@ -1,13 +1,13 @@
 """The file that my robot keeps its mounting in."""
 
 from semcal_cli.formats.document_formats import entry_format, under
-from semcal_cli.formats.pose import PLACE, WXYZ, Numbers
+from semcal_cli.formats.pose import PLACE, WXYZ, NumbersNotation
 
 FORMAT = entry_format(
     "my-robot",
     "p_lidar = T p_camera: mounting.q (w x y z) and mounting.t",
     lambda source: "mounting" in source.mapping,
     under("mounting"),
-    Numbers({"q": WXYZ, "t": PLACE}),
+    NumbersNotation({"q": WXYZ, "t": PLACE}),
     maps_camera=True,
 )

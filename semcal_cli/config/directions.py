@@ -1,0 +1,10 @@
+"""The choices for what a file with a transform leaves open. Nothing heavy is imported here."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
+"""Direction of a matrix: p_camera = T p_lidar, or p_lidar = T p_camera."""
+CameraFrame: TypeAlias = Literal["optical", "body"]
+"""Axes of a camera frame. Optical: x right, y down, z forward. Body: x forward, y left, z up (ROS REP 103)."""
