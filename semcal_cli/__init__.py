@@ -12,7 +12,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from semcal_cli.api.calibration import Calibration as Calibration, read_calibration as read_calibration
     from semcal_cli.api.calls import (
         assess as assess,
         calibrate as calibrate,
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
         verify as verify,
     )
     from semcal_cli.api.many import batch as batch
+    from semcal_cli.api.results import Calibration as Calibration, read_calibration as read_calibration
     from semcal_cli.config import (
         AdjustmentConfig as AdjustmentConfig,
         CalibrationConfig as CalibrationConfig,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "AdjustmentConfig": "config",
     "ArrayInput": "drive.held_arrays",
-    "Calibration": "api.calibration",
+    "Calibration": "api.results",
     "CalibrationConfig": "config",
     "CalibrationError": "errors",
     "Camera": "drive.camera",
@@ -71,7 +71,7 @@ _MODULES = {
     "compare_poses": "geometry.poses",
     "convert": "formats",
     "load": "observations.loading",
-    "read_calibration": "api.calibration",
+    "read_calibration": "api.results",
     "read_drive": "drive.document",
     "read_transform": "formats",
     "refine": "api.calls",

@@ -37,7 +37,7 @@ from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations, read_clouds
 from semcal_cli.report.view.session import Session
-from semcal_cli.result.calibration_document import Calibration, read_calibration, write_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure
@@ -257,7 +257,7 @@ def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def refined(made: Path) -> Calibration:
+def refined(made: Path) -> CalibrationDocument:
     """What a calibration says that has found a camera on a drive with another one."""
     known = read_calibration(made / "c.yaml")
     right = known.input.camera
@@ -265,13 +265,13 @@ def refined(made: Path) -> Calibration:
 
 
 @pytest.fixture
-def refined_file(refined: Calibration, tmp_path: Path) -> Path:
+def refined_file(refined: CalibrationDocument, tmp_path: Path) -> Path:
     write_calibration(refined, tmp_path / "c.yaml")
     return tmp_path / "c.yaml"
 
 
 @pytest.fixture
-def rejected_file(refined: Calibration, tmp_path: Path) -> Path:
+def rejected_file(refined: CalibrationDocument, tmp_path: Path) -> Path:
     """The same, whose camera was not kept."""
     write_calibration(
         with_camera(refined, refined.input.camera, refined.used_camera, is_kept=False),

@@ -17,6 +17,9 @@ PACKAGE = ROOT / "semcal_cli"
 FRONT = {"__init__", "__main__"}
 FLOORS = ("estimation", "many")
 """Folders whose rooms are the folders in them."""
+NUMERIC_ROOMS = {"checks", "estimation", "pipeline"}
+OF_FILES = {"hashes", "relative_to"}
+"""Names of parameters that only matter where a result is saved."""
 ARRAYS = "geometry/arrays.py"
 """The module of the names of array types."""
 MAX_PUBLIC_NAMES = 25
@@ -144,6 +147,33 @@ def crowded_rooms(package: Path) -> list[str]:
         f"{room}: {len(names)} public names, needed at most {MAX_PUBLIC_NAMES}"
         for room, names in sorted(imported_names(package).items())
         if room not in BROAD_ROOMS and len(names) > MAX_PUBLIC_NAMES
+    ]
+
+
+def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[ast.arg]:
+    arguments = function.args
+    named = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+    return [*named, *filter(None, (arguments.vararg, arguments.kwarg))]
+
+
+def knows_paths(parameter: ast.arg) -> bool:
+    annotation = "" if parameter.annotation is None else ast.unparse(parameter.annotation)
+    return parameter.arg in OF_FILES or re.search(r"\bPath\b", annotation) is not None
+
+
+def paths_in_the_pipeline(package: Path) -> list[str]:
+    """List the parameters of the numeric rooms that are paths, or that say how a file names its input.
+
+    A drive and a given pose know the files that they were read from, for messages and for `with_provenance`.
+    """
+    return [
+        f"{path}: {node.name}({parameter.arg})"
+        for path, module in modules(package).items()
+        if path.split("/")[0] in NUMERIC_ROOMS
+        for node in ast.walk(module)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        for parameter in parameters(node)
+        if knows_paths(parameter)
     ]
 
 

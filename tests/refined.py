@@ -3,7 +3,7 @@
 from typing import Any
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.refined_camera import Clock, Intrinsic, RefinedCamera
 
 GAIN, GAIN_SIGMA = 0.0123, 0.001
@@ -57,7 +57,9 @@ def clock(*, is_determined: bool = True) -> Clock:
     )
 
 
-def with_camera(record: Calibration, given: Camera, found: Camera, **changes: Any) -> Calibration:
+def with_camera(
+    record: CalibrationDocument, given: Camera, found: Camera, **changes: Any
+) -> CalibrationDocument:
     """A calibration that found one camera on a drive that has another one."""
     camera = refined_camera(given, found, **changes)
     return record.model_copy(
@@ -65,6 +67,6 @@ def with_camera(record: Calibration, given: Camera, found: Camera, **changes: An
     )
 
 
-def of_another_drive(calibration: Calibration) -> Calibration:
+def of_another_drive(calibration: CalibrationDocument) -> CalibrationDocument:
     """The same, made from sweeps of other contents, so that a verification counts."""
     return calibration.model_copy(update={"input": calibration.input.model_copy(update={"sha256": {}})})

@@ -29,7 +29,7 @@ from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.many.batch.folders import MARKER
 from semcal_cli.many.batch.records import worst_exit_code
 from semcal_cli.many.batch.tasks import Task, describe_result, find_drives, folder_of
-from semcal_cli.result.calibration_document import Calibration, write_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 from semcal_cli.result.provenance import camera_hash
 
 
@@ -317,7 +317,7 @@ def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
 
     with Client(address) as client:
         found = dict(semcal.batch([drives / "000", Path("/nowhere")], client=client))
-    assert isinstance(found[drives / "000"], semcal.Calibration)
+    assert isinstance(found[drives / "000"], semcal.CalibrationDocument)
     assert str(found[Path("/nowhere")]).startswith("/nowhere: no such file")
 
 
@@ -332,7 +332,7 @@ def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: 
 
 @pytest.mark.parametrize("is_kept", [True, False])
 def test_a_drive_has_the_camera_that_its_transform_belongs_to(
-    street: Path, refined: Calibration, tmp_path: Path, is_kept: bool
+    street: Path, refined: CalibrationDocument, tmp_path: Path, is_kept: bool
 ) -> None:
     """Not the one that it began with, so that drives with different estimates do not pass for one camera."""
     given, found = refined.input.camera, refined.used_camera

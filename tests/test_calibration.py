@@ -12,7 +12,7 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.result.calibration_document import (
-    Calibration,
+    CalibrationDocument,
     calibration_text,
     read_calibration,
     write_calibration,
@@ -35,8 +35,8 @@ UNCERTAINTY = Uncertainty(
 EXACT = 1e-12  # a few roundings of numbers up to 100
 
 
-def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None) -> Calibration:
-    return Calibration.from_pose(
+def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None) -> CalibrationDocument:
+    return CalibrationDocument.from_pose(
         T_camera_lidar,
         status="not_assessed",
         reasons=("no check applies: 1 frame",),
@@ -93,7 +93,7 @@ def test_round_trip(
 def test_yaml_is_the_design() -> None:
     text = calibration_text(make_calibration(np.eye(4)), "yaml")
     assert list(yaml.safe_load(text)) == [
-        each.alias or name for name, each in Calibration.model_fields.items()
+        each.alias or name for name, each in CalibrationDocument.model_fields.items()
     ]
     assert text.startswith(
         "# yaml-language-server: $schema=https://semcal.readthedocs.io/schemas/semcal_calibration-1.schema.json\n"

@@ -20,7 +20,7 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import OPTICAL_AXES, camera_center, compare_poses, inverse
 from semcal_cli.observations.cues.cue_table import choose_frames
-from semcal_cli.result.calibration_document import Calibration, read_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration
 
 NOT_LABELLED = 0
 """The id that synthetic drives ignore."""
@@ -113,7 +113,7 @@ def test_a_runner_up_that_is_close_is_not_trusted(drive: Path, tmp_path: Path, c
     )
 
 
-def refine(drive: Path, result: Path, cli: Cli, *options: str) -> tuple[Calibration, str]:
+def refine(drive: Path, result: Path, cli: Cli, *options: str) -> tuple[CalibrationDocument, str]:
     """Refine from the reference: what is written, and standard error."""
     code, _, err = cli("refine", drive, "--init", drive, "-o", result, *options)
     calibration = read_calibration(result)

@@ -14,14 +14,14 @@ from test_hostile_commands import SMALL
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.result.calibration_document import Calibration, read_calibration, write_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 OPEN = "not determined: drive at different speeds, with turns"
 NAMES = ("--refine-intrinsics", "fx,fy,k1")
 
 
-def calibrated(drive: Path, result: Path, cli: Cli, *options: str) -> tuple[Calibration, str]:
+def calibrated(drive: Path, result: Path, cli: Cli, *options: str) -> tuple[CalibrationDocument, str]:
     """Calibrate from the reference: the result, and standard error in one line."""
     code, _, err = cli("calibrate", drive, "--init", drive, "-o", result, *options)
     assert code in (0, 3), err

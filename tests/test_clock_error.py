@@ -28,7 +28,7 @@ from semcal_cli.observations.motion import delayed
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.pipeline import calibrate
 from semcal_cli.report.words import NOT_BELIEVED
-from semcal_cli.result.calibration_document import Calibration, read_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration
 from semcal_cli.result.uncertainty import stated_error
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -72,7 +72,7 @@ def covariance_of_clock(
     return covariance
 
 
-def found_by(data: LoadedDrive | Drive, start: Pose) -> Calibration:
+def found_by(data: LoadedDrive | Drive, start: Pose) -> CalibrationDocument:
     return calibrate(data, CONFIG, initial_pose=InitialPose(start, "start"))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import SMALL_DRIVE
 
+from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.few_scenes import FEW_SCENES
 from semcal_cli.config import (
     AdjustmentConfig,
@@ -27,7 +28,6 @@ from semcal_cli.observations.cues.cue_table import find_cue, policy_of
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.synthesis import synthesize
 
 PAIRS: tuple[tuple[CueName, CueName], ...] = (("labels", "segments"), ("segments", "intensity"))

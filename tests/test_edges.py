@@ -19,7 +19,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.estimation.search.mounting_search import led_by
+from semcal_cli.estimation.search.mounting_search import with_best
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
@@ -194,9 +194,9 @@ def test_a_mounting_that_edges_decide_for_leads_the_hypotheses(bare: Path) -> No
     data = load(bare)
     found = initialize(data, CalibrationConfig().initialization)
     second = found.hypotheses[1]
-    led = led_by(found, second, data.searched_by)
-    assert np.array_equal(led.T_camera_lidar, second.pose)
-    assert led.hypotheses[0].pose.tolist() == second.pose.tolist()
+    led = with_best(found, second, data.searched_by)
+    assert np.array_equal(led.T_camera_lidar, second.T_camera_lidar)
+    assert led.hypotheses[0].T_camera_lidar.tolist() == second.T_camera_lidar.tolist()
     assert led.hypotheses[0].rotation_from_best_deg == pytest.approx(0.0, abs=1e-6)
     assert led.hypotheses[1].rotation_from_best_deg == pytest.approx(second.rotation_from_best_deg)
     assert led.agreement.mutual_information == pytest.approx(second.mutual_information_nats)

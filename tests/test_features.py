@@ -11,6 +11,7 @@ import torch
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
 
+from semcal_cli.api.calls import calibrate
 from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import CalibrationError, InputError
@@ -22,7 +23,7 @@ from semcal_cli.observations.cues.cue_table import load_cues
 from semcal_cli.observations.cues.features import observe_features
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
-from semcal_cli.pipeline import calibrate, refine
+from semcal_cli.pipeline import refine
 
 RIGHT_DEG, RIGHT_CM = 0.3, 6.0
 """Of four small pairs with noise as long as classes are apart."""

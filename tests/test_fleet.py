@@ -19,7 +19,7 @@ from semcal_cli.fleet.fleet_verdict import SIGNS, motions
 from semcal_cli.fleet.history import change_points, fit_drift
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import local_coordinates, pose_at
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.provenance import camera_hash
 
 MANY = 1e6
@@ -141,7 +141,7 @@ def test_cameras_that_differ_are_told() -> None:
 
 
 def test_a_single_result_has_the_camera_that_was_estimated(
-    refined: Calibration, refined_file: Path, rejected_file: Path
+    refined: CalibrationDocument, refined_file: Path, rejected_file: Path
 ) -> None:
     (kept,), (rejected,) = read_fleet_drives([refined_file]), read_fleet_drives([rejected_file])
     assert kept.camera == camera_hash(refined.used_camera)

@@ -22,7 +22,7 @@ from semcal_cli.files.validation import validate
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.formats.format import FormatOptions
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 L2C = ["--to-direction", "lidar-to-camera"]
 SIZE = {"width": 64, "height": 32}
@@ -144,7 +144,12 @@ def test_a_camera_info_is_as_camera_calibration_writes_it() -> None:
 
 @pytest.mark.parametrize("name", LENSES)
 def test_the_camera_is_that_which_the_transform_belongs_to(
-    name: str, refined: Calibration, refined_file: Path, rejected_file: Path, street: Path, tmp_path: Path
+    name: str,
+    refined: CalibrationDocument,
+    refined_file: Path,
+    rejected_file: Path,
+    street: Path,
+    tmp_path: Path,
 ) -> None:
     direction = L2C if name == "opencv" else []
     for source, lens in (

@@ -12,6 +12,7 @@ import pytest
 from laboratory.raw_drive import RawDrive
 
 from semcal_cli import core
+from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.families import check_consistency
 from semcal_cli.checks.focal_length import WRONG_FOCAL_LENGTH
 from semcal_cli.checks.moved_camera import check_frames
@@ -25,7 +26,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.observations import Observations
-from semcal_cli.pipeline import assess, calibrate, refine_and_polish, start_at
+from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.report.input import make_report_input
 

@@ -13,6 +13,10 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
     },
     house.core_imports: {"checks/a.py": "from planted import _core"},
     house.array_aliases: {"checks/a.py": "import numpy.typing as npt\nMatrix = npt.NDArray[float]"},
+    house.paths_in_the_pipeline: {
+        "pipeline/a.py": "def verify(drive: Drive | Path | str) -> None: ...",
+        "report/a.py": "def write(path: Path) -> None: ...",
+    },
     house.problem_numbers: {"config/a.py": "class NewtonConfig:\n    max_baseline_m: float = 3.0"},
     house.printed_units: {"checks/a.py": "def is_far(away_cm: float) -> bool: ..."},
     house.cue_questions: {

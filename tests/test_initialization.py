@@ -8,11 +8,11 @@ from semcal_cli import core
 from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN, check_mountings
 from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.estimation.search.mounting_search import runner_up, search_mountings
+from semcal_cli.estimation.search.mounting import Mounting, runner_up
+from semcal_cli.estimation.search.mounting_search import search_mountings
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, compare_poses, inverse, rotation_error_deg
 from semcal_cli.observations.observations import LabelledCloud, Observations
-from semcal_cli.result.sections import Hypothesis
 
 RIGHT_DEG = 1.0  # images of 640 x 360 ascend on blocks of 2 pixels, a quarter of a degree
 RIGHT_CM = 15.0
@@ -20,13 +20,13 @@ RIGHT_CM = 15.0
 
 def from_nothing(
     observations: Observations, T_given: Pose | None = None, **changes: object
-) -> tuple[Hypothesis, ...]:
+) -> tuple[Mounting, ...]:
     config = dataclasses.replace(InitializationConfig(), **changes)
     return search_mountings(observations, config, 0, T_given).hypotheses
 
 
-def check(hypothesis: Hypothesis, T_true: Pose) -> None:
-    error = compare_poses(hypothesis.pose, T_true)
+def check(hypothesis: Mounting, T_true: Pose) -> None:
+    error = compare_poses(hypothesis.T_camera_lidar, T_true)
     assert error.rotation_deg < RIGHT_DEG
     assert error.camera_center_cm < RIGHT_CM
 
@@ -42,7 +42,7 @@ def turned_about_z(T: Pose, angle_deg: float) -> Pose:
 def test_the_mounting_is_found(street_observations: Observations, street_truth: Pose, zoom: str) -> None:
     hypotheses = from_nothing(street_observations, zoom=zoom)
     check(hypotheses[0], street_truth)
-    agreements = [core.agreement(street_observations.core, h.pose) for h in hypotheses]
+    agreements = [core.agreement(street_observations.core, h.T_camera_lidar) for h in hypotheses]
     ranks = [agreement.mutual_information - agreement.bias for agreement in agreements]
     assert ranks == sorted(ranks, reverse=True)
 
@@ -97,7 +97,7 @@ def test_a_given_pose_narrows_the_search(street_observations: Observations, stre
     # Where it looks elsewhere, the truth is not found: the ascents end within their own reach of where they began.
     elsewhere = turned_about_z(street_truth, 120.0)
     for hypothesis in from_nothing(street_observations, elsewhere, search_deg=20.0):
-        assert rotation_error_deg(hypothesis.pose, street_truth) > 45.0
+        assert rotation_error_deg(hypothesis.T_camera_lidar, street_truth) > 45.0
 
 
 @pytest.mark.parametrize("is_led_astray", [False, True])
@@ -112,13 +112,13 @@ def test_ascents_that_end_apart_have_the_surroundings_searched(
     (found,) = from_nothing(street_observations, turned_about_z(street_truth, 3.0), alignment=alignment)
     # Only the registration counts pairs.
     assert (found.num_pairs is not None) == is_led_astray
-    assert rotation_error_deg(found.pose, street_truth) < RIGHT_DEG
+    assert rotation_error_deg(found.T_camera_lidar, street_truth) < RIGHT_DEG
 
 
 def test_the_camera_stays_within_the_baseline(street_observations: Observations) -> None:
     near = dataclasses.replace(street_observations, max_baseline_m=0.05)
     for hypothesis in search_mountings(near, InitializationConfig(), seed=0).hypotheses:
-        assert np.linalg.norm(camera_center(hypothesis.pose)) < 0.051
+        assert np.linalg.norm(camera_center(hypothesis.T_camera_lidar)) < 0.051
 
 
 def test_a_runner_up_says_something_else(street_observations: Observations) -> None:
@@ -127,7 +127,7 @@ def test_a_runner_up_says_something_else(street_observations: Observations) -> N
     best, *_ = found.hypotheses
     other = runner_up(found.hypotheses, config.runner_up_deg)
     assert other is not None
-    assert rotation_error_deg(other.pose, best.pose) >= config.runner_up_deg
+    assert rotation_error_deg(other.T_camera_lidar, best.T_camera_lidar) >= config.runner_up_deg
     assert found.runner_up_margin == best.margin(other)
     assert found.runner_up_margin > MIN_RUNNER_UP_MARGIN
     assert check_mountings(found) == ()
@@ -148,15 +148,15 @@ def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations:
     best, *_ = found.hypotheses
     other = runner_up(found.hypotheses, config.runner_up_deg)
     assert other is not None
-    assert rotation_error_deg(other.pose, best.pose) > 170.0
+    assert rotation_error_deg(other.T_camera_lidar, best.T_camera_lidar) > 170.0
     assert best.margin(other) < MIN_RUNNER_UP_MARGIN
     (finding,) = check_mountings(found)
     assert finding.sentence.startswith(f"a mounting {other.rotation_from_best_deg:.0f} degrees away ")
 
 
-def hypothesis(nats: float, sigma_nats: float | None) -> Hypothesis:
-    return Hypothesis(
-        T_camera_lidar=np.eye(4).tolist(),
+def hypothesis(nats: float, sigma_nats: float | None) -> Mounting:
+    return Mounting(
+        T_camera_lidar=np.eye(4),
         mutual_information_nats=nats,
         bias_nats=0.1,
         sigma_nats=sigma_nats,

@@ -14,7 +14,7 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_names, intrinsic_value, with_intrinsics
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
-from semcal_cli.estimation.adjust.joint_fit import LEAST_EVIDENCE, Problem, Variables
+from semcal_cli.estimation.adjust.joint_fit import MIN_EVIDENCE, Problem, Variables
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.covariance import with_others
 from semcal_cli.geometry.arrays import Pose
@@ -120,7 +120,7 @@ def test_coarse_blocks_that_lead_away_are_not_followed(
     truth, climb = np.array(moving.drive.T_camera_lidar), Problem._climb
 
     def astray(problem: Problem, T: Pose, variables: Variables, *rest: Any) -> Any:
-        if rest[-1] != LEAST_EVIDENCE:
+        if rest[-1] != MIN_EVIDENCE:
             return climb(problem, T, variables, *rest)
         away = displace(T, 20.0, 0.1, np.random.default_rng(0))
         return SimpleNamespace(T_camera_lidar=away, changes=(), offset_s=0.0, moved_px=0.0)

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 from laboratory.raw_drive import RawDrive
 
+from semcal_cli.api.calls import calibrate
 from semcal_cli.drive.document import read_drive
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive, load
-from semcal_cli.pipeline import calibrate
 from semcal_cli.report import read_report_input, write_report
-from semcal_cli.result.calibration_document import Calibration, write_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 
 
 @pytest.fixture(scope="module")
@@ -19,18 +19,18 @@ def loaded(knocked_drive: Path) -> LoadedDrive:
 
 
 @pytest.fixture(scope="module")
-def whole(loaded: LoadedDrive) -> Calibration:
+def whole(loaded: LoadedDrive) -> CalibrationDocument:
     return calibrate(loaded)
 
 
 @pytest.fixture(scope="module")
-def parts(loaded: LoadedDrive, knocked: RawDrive) -> list[Calibration]:
+def parts(loaded: LoadedDrive, knocked: RawDrive) -> list[CalibrationDocument]:
     """The calibrations of the frames before and after the knock."""
     return [calibrate(loaded.of_frames(part)) for part in (range(knocked.knock), range(knocked.knock, 8))]
 
 
 def test_each_part_is_a_drive_of_its_own(
-    whole: Calibration, parts: list[Calibration], knocked: RawDrive
+    whole: CalibrationDocument, parts: list[CalibrationDocument], knocked: RawDrive
 ) -> None:
     assert whole.status == "not_trusted"
     assert [part.num_frames for part in whole.parts] == [part.quality.num_frames for part in parts]
@@ -44,9 +44,13 @@ def test_each_part_is_a_drive_of_its_own(
 
 
 def test_the_report_shows_each_frame(
-    knocked_drive: Path, street: Path, whole: Calibration, parts: list[Calibration], tmp_path: Path
+    knocked_drive: Path,
+    street: Path,
+    whole: CalibrationDocument,
+    parts: list[CalibrationDocument],
+    tmp_path: Path,
 ) -> None:
-    def page(calibration: Calibration) -> str:
+    def page(calibration: CalibrationDocument) -> str:
         write_calibration(calibration, tmp_path / "c.yaml")
         write_report(read_report_input(read_drive(knocked_drive), tmp_path / "c.yaml"), tmp_path / "r.html")
         return (tmp_path / "r.html").read_text()

@@ -12,6 +12,7 @@ from semcal_cli.observations.cues.cue_table import files_of
 from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import make_calibration, start_at
 from semcal_cli.pipeline.stages import Stages
+from semcal_cli.result.provenance import with_provenance
 
 CHOSEN = [3, 1]
 
@@ -24,6 +25,8 @@ def test_a_calibration_of_some_frames_records_these(
     data = load(street, config)
     few = data.of_frames(CHOSEN)
     calibration = make_calibration(few, Stages(start_at(few, InitialPose(street_truth, "truth"))), config)
+    assert calibration.input.sha256 == {}
+    calibration = with_provenance(calibration, few)
     assert calibration.quality.num_frames == len(CHOSEN)
     frames = [data.drive.frames[index] for index in CHOSEN]
     assert [frame.points for frame in calibration.input.frames] == [frame.points for frame in frames]

@@ -12,6 +12,7 @@ from conftest import make_pose
 
 import semcal_cli
 from semcal_cli import core
+from semcal_cli.api.calls import calibrate, verify
 from semcal_cli.config import (
     AdjustmentConfig,
     CalibrationConfig,
@@ -28,9 +29,7 @@ from semcal_cli.events import Event, Progress, StageDone
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
-from semcal_cli.pipeline import calibrate
-from semcal_cli.pipeline.verification import verify
-from semcal_cli.result.calibration_document import Calibration, calibration_text
+from semcal_cli.result.calibration_document import CalibrationDocument, calibration_text
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +39,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def calibrated(street: Path, folder: Path) -> tuple[Calibration, list[Event]]:
+def calibrated(street: Path, folder: Path) -> tuple[CalibrationDocument, list[Event]]:
     """A calibration by the library with every default, and what it told."""
     events: list[Event] = []
     return calibrate(street, relative_to=folder, on_event=events.append), events
 
 
 def test_the_library_gives_the_bytes_of_the_command_line(
-    street: Path, folder: Path, calibrated: tuple[Calibration, list[Event]]
+    street: Path, folder: Path, calibrated: tuple[CalibrationDocument, list[Event]]
 ) -> None:
     output = folder / "calibration.yaml"
     done = invoke("calibrate", street, "-o", output, "-q")
@@ -55,7 +54,7 @@ def test_the_library_gives_the_bytes_of_the_command_line(
     assert output.read_bytes() == calibration_text(calibrated[0], "yaml").encode()
 
 
-def test_every_stage_tells_a_listener(calibrated: tuple[Calibration, list[Event]]) -> None:
+def test_every_stage_tells_a_listener(calibrated: tuple[CalibrationDocument, list[Event]]) -> None:
     calibration, events = calibrated
     done = [event for event in events if isinstance(event, StageDone)]
     assert [event.name for event in done] == ["load", "initial", "refined", "polished", "assessed"]

@@ -15,7 +15,7 @@ from semcal_cli.formats import read_extrinsic, read_transform, write_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import as_transform, check_rigid, inverse, orthonormal, quaternion_xyzw
 from semcal_cli.result.calibration_document import (
-    Calibration,
+    CalibrationDocument,
     calibration_text,
     read_calibration,
     write_calibration,
@@ -78,7 +78,7 @@ def test_a_calibration_that_is_read_is_rigid_in_every_form(T: Pose, tmp_path: Pa
     assert np.linalg.norm(found.quaternion_xyzw) == pytest.approx(1.0, abs=RIGID)
     for part in (found.stages["initial"], found.hypotheses[0]):
         assert error_of(part.T_camera_lidar) < RIGID
-    assert Calibration.model_validate(json.loads(calibration_text(found, "json"))) == found
+    assert CalibrationDocument.model_validate(json.loads(calibration_text(found, "json"))) == found
 
 
 def test_a_line_of_a_summary_is_rigid() -> None:

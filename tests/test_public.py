@@ -36,7 +36,7 @@ def test_the_list_has_what_the_package_names() -> None:
         "**arrays",
     ]
     assert "    drive: Data | None = None\n" in calibrate
-    assert "semcal_cli.api.calls.Data\n    TypeAlias = LoadedDrive | Drive | Path | str\n" in stored
+    assert "semcal_cli.api.arguments.Data\n    TypeAlias = LoadedDrive | Drive | Path | str\n" in stored
     assert "    translation_m: float = 0.05\n" in stored  # the default of a setting alone
 
 

@@ -24,7 +24,7 @@ from semcal_cli.observations.loading import load
 from semcal_cli.report import read_report_input
 from semcal_cli.report.words import camera_sentences, uncertainty_sentences
 from semcal_cli.result.applied import apply_result, as_begun
-from semcal_cli.result.calibration_document import Calibration, read_calibration, write_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration, write_calibration
 from semcal_cli.result.provenance import camera_hash
 from semcal_cli.result.refined_camera import camera_differences
 
@@ -52,13 +52,13 @@ def wrong_drive(drive: Path, right: Camera) -> Path:
 
 
 @pytest.fixture
-def record(made: Path, right: Camera) -> Calibration:
+def record(made: Path, right: Camera) -> CalibrationDocument:
     """What a calibration of that drive says that has found the right ones."""
     return of_another_drive(with_camera(read_calibration(made / "c.yaml"), spoiled(right), right))
 
 
 @pytest.fixture
-def file(record: Calibration, tmp_path: Path) -> Path:
+def file(record: CalibrationDocument, tmp_path: Path) -> Path:
     write_calibration(record, tmp_path / "c.yaml")
     return tmp_path / "c.yaml"
 
@@ -167,7 +167,7 @@ def test_a_pose_that_is_shown_beside_another_one_has_its_own_camera(
 
 
 def test_a_camera_that_was_not_kept_is_not_used(
-    record: Calibration, wrong_drive: Path, right: Camera, tmp_path: Path
+    record: CalibrationDocument, wrong_drive: Path, right: Camera, tmp_path: Path
 ) -> None:
     rejected = with_camera(record, spoiled(right), right, is_kept=False)
     drive = read_drive(wrong_drive)
@@ -179,7 +179,9 @@ def test_a_camera_that_was_not_kept_is_not_used(
     )
 
 
-def test_a_camera_of_other_images_is_not_used(record: Calibration, drive: Path, right: Camera) -> None:
+def test_a_camera_of_other_images_is_not_used(
+    record: CalibrationDocument, drive: Path, right: Camera
+) -> None:
     half = [[value / 2.0 for value in row] for row in right.K[:2]] + [[0.0, 0.0, 1.0]]
     with_K(drive, half, width=right.width // 2, height=right.height // 2)
     small = read_drive(drive)
@@ -195,7 +197,9 @@ def test_a_camera_of_other_images_is_not_used(record: Calibration, drive: Path, 
     assert applied.changes == (("camera", line), ("clock", own))
 
 
-def test_a_drive_that_has_the_camera_by_now_is_left_as_it_is(record: Calibration, street: Path) -> None:
+def test_a_drive_that_has_the_camera_by_now_is_left_as_it_is(
+    record: CalibrationDocument, street: Path
+) -> None:
     drive = read_drive(street)
     assert apply_result(record, drive, "c.yaml") == (drive, ())
     assert apply_result(None, drive, "c.yaml") == (drive, ())
@@ -241,7 +245,7 @@ def moving(drive: Drive) -> Drive:
     return drive.model_copy(update={"motion": Motion(speed_m_s=8.0), "time_offset_s": 0.005})
 
 
-def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> None:
+def test_the_clock_of_the_result_is_used(record: CalibrationDocument, street: Path) -> None:
     drive = moving(read_drive(street))
     given = record.input.model_copy(update={"camera": drive.camera})
     late = record.model_copy(update={"camera": None, "clock": clock(), "input": given})
@@ -259,7 +263,9 @@ def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> N
     assert found == (on_time, (("clock", line),))
 
 
-def test_stages_are_shown_by_the_clock_that_they_were_found_with(record: Calibration, street: Path) -> None:
+def test_stages_are_shown_by_the_clock_that_they_were_found_with(
+    record: CalibrationDocument, street: Path
+) -> None:
     """Also where the drive has the clock of the result by then; an older file does not tell it."""
     late = record.model_copy(update={"camera": None, "clock": clock()})
     drive = moving(read_drive(street)).model_copy(update={"time_offset_s": LATER_S})
@@ -303,7 +309,7 @@ def test_compare_says_that_cameras_differ(file: Path, made: Path, right: Camera)
 # What is printed.
 
 
-def test_the_summary_lists_intrinsics_and_clock(record: Calibration, right: Camera) -> None:
+def test_the_summary_lists_intrinsics_and_clock(record: CalibrationDocument, right: Camera) -> None:
     lines = summary_lines(record.model_copy(update={"clock": clock()}))
     fx, fy, cx = right.K[0][0], right.K[1][1], right.K[0][2]
     start = lines.index(f"intrinsics       fx {fx:.2f} +- 0.42 px (drive: {1.03 * fx:.2f})")
@@ -315,7 +321,7 @@ def test_the_summary_lists_intrinsics_and_clock(record: Calibration, right: Came
     ]
 
 
-def test_nothing_that_was_determined_is_said_in_words(record: Calibration, right: Camera) -> None:
+def test_nothing_that_was_determined_is_said_in_words(record: CalibrationDocument, right: Camera) -> None:
     none = refined_camera(right, right, is_kept=False)
     none = none.model_copy(update={"intrinsics": {"cx": none.intrinsics["cx"]}})
     changes = {"camera": none, "clock": clock(is_determined=False)}
@@ -327,7 +333,9 @@ def test_nothing_that_was_determined_is_said_in_words(record: Calibration, right
     ]
 
 
-def test_intervals_include_what_is_not_known_of_an_estimated_K(record: Calibration, right: Camera) -> None:
+def test_intervals_include_what_is_not_known_of_an_estimated_K(
+    record: CalibrationDocument, right: Camera
+) -> None:
     assert any(
         sentence.endswith(
             "K was estimated together with the pose, and the intervals include its uncertainty."

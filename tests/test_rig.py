@@ -23,7 +23,7 @@ from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_calibration import Reference, make_pair
 from semcal_cli.many.rig.rig_document import find_rig, read_rig
 from semcal_cli.observations.reading import read_label_images
-from semcal_cli.result.calibration_document import Calibration, read_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 
@@ -49,7 +49,7 @@ def run(*arguments: object) -> Result:
     return invoke("calibrate", *arguments)
 
 
-def with_pose(calibration: Calibration, T: Pose, covariance: np.ndarray) -> Calibration:
+def with_pose(calibration: CalibrationDocument, T: Pose, covariance: np.ndarray) -> CalibrationDocument:
     """The same for another pose, as sure as that."""
     assert calibration.uncertainty is not None
     of_xi = calibration.uncertainty.model_copy(update={"covariance": covariance.tolist()})

@@ -18,6 +18,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.many.rig.rig_calibration import RigCalibration
+from semcal_cli.many.rig.rig_document import read_rig
 from semcal_cli.many.rig.rig_page import rig_page_html, rig_verdict
 from semcal_cli.many.rig.rig_result import read_rig_files
 from semcal_cli.report.words import NOT_BELIEVED
@@ -61,7 +62,7 @@ def test_the_page_of_a_rig(rig: Path, rig_results: Results, tmp_path: Path) -> N
 
 
 def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
-    calibration, drives, _ = read_rig_files(rig, rig_results[1])
+    calibration, drives, _ = read_rig_files(read_rig(rig), rig_results[1])
     reasons = {"reasons": ("few < many",), "topics": ("overlap",)}
     doubted = calibration.cameras["camera_1"].model_copy(update={"status": "not_trusted", **reasons})
     sound = {"status": "trusted", "reasons": (), "topics": ()}

@@ -1,13 +1,14 @@
 """A calibration in the terminal: lines of 80 columns, the verdict at the end, figures for experts on request."""
 
 import re
+from dataclasses import replace
 
 import pytest
 from test_calibration import POSE, make_calibration
 
 from semcal_cli.cli.tables import COLUMNS, hypothesis_lines, summary_lines, verdict_lines, wrapped
-from semcal_cli.result.calibration_document import Calibration
-from semcal_cli.result.sections import Hypothesis
+from semcal_cli.estimation.search.mounting import Mounting
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 LONG = (
     "a mounting 30 degrees away explains the labels almost as well: only 1.82 standard errors worse, needed at "
@@ -17,7 +18,7 @@ PATH = "/".join(["a-folder-of-a-long-name"] * 6)
 EXPERTS = re.compile(r"\bnats\b|MI\b|held out|points agree")
 
 
-def with_words(**values: object) -> Calibration:
+def with_words(**values: object) -> CalibrationDocument:
     return make_calibration(POSE).model_copy(update=values)
 
 
@@ -89,8 +90,8 @@ def test_an_answer_that_no_check_applies_to_says_so() -> None:
 
 @pytest.mark.parametrize("verbose", [False, True])
 def test_hypotheses_fit(verbose: bool) -> None:
-    best = Hypothesis(
-        T_camera_lidar=POSE.tolist(),
+    best = Mounting(
+        T_camera_lidar=POSE,
         mutual_information_nats=2.0,
         bias_nats=0.0,
         sigma_nats=0.3,
@@ -99,9 +100,7 @@ def test_hypotheses_fit(verbose: bool) -> None:
         num_inliers=None,
         rotation_from_best_deg=0.0,
     )
-    other = best.model_copy(
-        update={"mutual_information_nats": 1.0, "rotation_from_best_deg": 173.4, "sigma_nats": 0.4}
-    )
+    other = replace(best, mutual_information_nats=1.0, rotation_from_best_deg=173.4, sigma_nats=0.4)
     head, first, second = hypothesis_lines([best, other], verbose=verbose)
     assert max(map(len, (head, first, second))) <= COLUMNS
     assert ("nats" in head) == verbose

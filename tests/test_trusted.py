@@ -9,6 +9,7 @@ from commands import invoke
 from conftest import edited, run
 
 from semcal_cli import core
+from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
@@ -22,7 +23,6 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.verification import verify
 from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.result.uncertainty import Uncertainty

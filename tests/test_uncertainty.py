@@ -11,7 +11,7 @@ from semcal_cli.estimation.uncertainty.covariance import (
     grow_rare_classes,
     label_bleed,
 )
-from semcal_cli.estimation.uncertainty.sensitivity import LEAST_CLASSES, Sensitivity, sensitivity
+from semcal_cli.estimation.uncertainty.sensitivity import MIN_CLASSES, Sensitivity, sensitivity
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.observations import NO_CLASS, Observations
@@ -111,7 +111,7 @@ def test_what_a_class_shares_does_not_fall_with_more_images(num_squares: int) ->
     expected = shared.var(ddof=1) / 5.0 * (1.0 - 1.0 / num_squares)
     np.testing.assert_allclose(scatter.of_classes, expected, rtol=0.05)
     np.testing.assert_allclose(scatter.of_squares, 5.0 * noise**2 / num_squares / 25.0, rtol=0.5)
-    assert scatter.degrees_of_freedom == pytest.approx(LEAST_CLASSES, rel=0.1)
+    assert scatter.degrees_of_freedom == pytest.approx(MIN_CLASSES, rel=0.1)
 
 
 def test_scatter_follows_a_change_of_variables(street_observations: Observations, polished: Pose) -> None:

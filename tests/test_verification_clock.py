@@ -22,7 +22,7 @@ from semcal_cli.observations.loading import load
 from semcal_cli.pipeline.verdict import CLOCK, figures, judge_clock, overall_offsets
 from semcal_cli.report import read_report_input
 from semcal_cli.report.page import both_overlays
-from semcal_cli.result.calibration_document import Calibration, write_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
@@ -174,7 +174,7 @@ def test_an_interval_about_the_limit_decides_nothing() -> None:
 
 
 @pytest.fixture(scope="module")
-def estimated(moving: Path) -> Calibration:
+def estimated(moving: Path) -> CalibrationDocument:
     """A calibration whose clock was estimated and kept."""
     jointly = AdjustmentConfig(with_delay=True)
     found = semcal_package.calibrate(
@@ -186,7 +186,7 @@ def estimated(moving: Path) -> Calibration:
 
 
 def test_each_stage_is_shown_by_the_clock_that_it_was_found_with(
-    moving: Path, estimated: Calibration, tmp_path: Path
+    moving: Path, estimated: CalibrationDocument, tmp_path: Path
 ) -> None:
     drive = read_drive(moving / "late")
     write_calibration(estimated, tmp_path / "c.yaml")
@@ -214,7 +214,7 @@ def test_the_estimate_of_a_verification_is_shown_by_its_clock(moving: Path) -> N
 
 
 def test_the_clock_of_a_result_is_what_is_judged(
-    moving: Path, estimated: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    moving: Path, estimated: CalibrationDocument, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """What remains is judged."""
     result = tmp_path / "calibration.yaml"

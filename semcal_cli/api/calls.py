@@ -3,34 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
 
-import numpy.typing as npt
 from typing_extensions import Unpack
 
 from semcal_cli import pipeline
-from semcal_cli.api.calibration import Calibration
-from semcal_cli.config import CalibrationConfig, CueName, Limits
-from semcal_cli.drive.document import Drive
+from semcal_cli.api.arguments import Cues, Data, GivenTransform, as_data, as_initial_pose, with_cue
+from semcal_cli.api.results import Calibration
+from semcal_cli.config import CalibrationConfig, Limits
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.held_arrays import ArrayInput
-from semcal_cli.errors import InputError
 from semcal_cli.estimation.adjust.priors import Prior
-from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.events import Listener, ignore
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import verification
-from semcal_cli.pipeline.from_transform import as_initial_pose, assess_given, refine_given
-from semcal_cli.pipeline.verification import Verification
-from semcal_cli.result.calibration_document import Calibration as Document
-
-Data: TypeAlias = LoadedDrive | Drive | Path | str
-"""A drive, its folder, its drive.yaml, or a drive loaded by `load`."""
-Transform: TypeAlias = InitialPose | Document | Path | str | npt.ArrayLike
-"""T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any known format."""
-Cues: TypeAlias = CueName | Sequence[CueName]
-"""A cue, or several that are compared together."""
+from semcal_cli.pipeline.from_transform import assess_given, refine_given
+from semcal_cli.pipeline.verification import Verification, check_limits, load_as_stated
+from semcal_cli.result.provenance import with_provenance
 
 
 def calibrate(
@@ -38,7 +27,7 @@ def calibrate(
     config: CalibrationConfig | None = None,
     *,
     cue: Cues | None = None,
-    initial_pose: Transform | None = None,
+    initial_pose: GivenTransform | None = None,
     priors: Sequence[Prior] = (),
     relative_to: Path = Path(),
     on_event: Listener = ignore,
@@ -62,22 +51,23 @@ def calibrate(
         InputError: the drive, one of its files or an argument is missing or wrong.
         CalibrationError: the data give no answer.
     """
-    data = _data(drive, arrays)
-    found = pipeline.calibrate(
+    given, config = as_data(drive, arrays), with_cue(config, cue)
+    start = None if initial_pose is None else as_initial_pose(initial_pose)
+    data = load(given, config, on_event)
+    calibration = pipeline.calibrate(data, config, initial_pose=start, priors=priors, on_event=on_event)
+    calibration = with_provenance(
+        calibration,
         data,
-        _with_cue(config, cue),
-        initial_pose=None if initial_pose is None else as_initial_pose(initial_pose),
-        priors=priors,
+        start=None if start is None else start.source,
         relative_to=relative_to,
-        on_event=on_event,
         hashes=hashes,
     )
-    return Calibration.of(found, data.drive if isinstance(data, LoadedDrive) else data)
+    return Calibration.of(calibration, given.drive if isinstance(given, LoadedDrive) else given)
 
 
 def refine(
     drive: Data | None = None,
-    transform: Transform | None = None,
+    transform: GivenTransform | None = None,
     config: CalibrationConfig | None = None,
     *,
     cue: Cues | None = None,
@@ -105,14 +95,17 @@ def refine(
         InputError: the drive, one of its files or an argument is missing or wrong.
         CalibrationError: the data give no answer.
     """
-    config, start = _with_cue(config, cue), _given(transform)
-    data = load(_data(drive, arrays), config, on_event)
-    return Calibration.of(refine_given(data, start, config, priors, on_event, relative_to), data.drive)
+    config, start = with_cue(config, cue), as_initial_pose(transform)
+    data = load(as_data(drive, arrays), config, on_event)
+    calibration = refine_given(data, start, config, priors, on_event)
+    return Calibration.of(
+        with_provenance(calibration, data, start=start.source, relative_to=relative_to), data.drive
+    )
 
 
 def assess(
     drive: Data | None = None,
-    transform: Transform | None = None,
+    transform: GivenTransform | None = None,
     config: CalibrationConfig | None = None,
     *,
     cue: Cues | None = None,
@@ -139,14 +132,17 @@ def assess(
         InputError: the drive, one of its files or an argument is missing or wrong, or the cue is features.
         CalibrationError: the data give no answer.
     """
-    config, given = _with_cue(config, cue), _given(transform)
-    data = load(_data(drive, arrays), config, on_event)
-    return Calibration.of(assess_given(data, given, config, on_event, relative_to), data.drive)
+    config, given = with_cue(config, cue), as_initial_pose(transform)
+    data = load(as_data(drive, arrays), config, on_event)
+    calibration = assess_given(data, given, config, on_event)
+    return Calibration.of(
+        with_provenance(calibration, data, start=given.source, relative_to=relative_to), data.drive
+    )
 
 
 def verify(
     drive: Data | None = None,
-    transform: Transform | None = None,
+    transform: GivenTransform | None = None,
     limits: Limits | None = None,
     config: CalibrationConfig | None = None,
     on_event: Listener = ignore,
@@ -156,13 +152,17 @@ def verify(
 ) -> Verification:
     """Check whether a transform still holds on a drive or on arrays; see `semcal_cli.pipeline.verification.verify`.
 
+    Intrinsics and a clock that a calibration estimated together with its transform replace the drive's. A loaded drive
+    is then loaded again.
+
     Args:
         drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`; None takes arrays.
         transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
             known format.
         limits: Largest allowed errors; None takes the defaults.
         config: Seed, cues, number of frames, `refinement.max_baseline_m` and `refinement.edge_band_px`; None takes the
-            defaults.
+            defaults. The cues `auto` are those that the calibration of the transform compared, as far as the drive
+            allows them.
         on_event: Called with each event of the run.
         cue: What points and pixels are compared by, in place of `config.cues`.
         arrays: Arrays in place of a drive: see `Drive.from_arrays`.
@@ -172,39 +172,10 @@ def verify(
             limited without a direction of motion.
         CalibrationError: the data cannot be calibrated at all.
     """
-    return verification.verify(
-        _data(drive, arrays), _given(transform), limits, _with_cue(config, cue), on_event
-    )
-
-
-def _data(drive: Data | None, arrays: ArrayInput) -> Data:
-    """Return the drive, or make one from the arrays."""
-    if drive is None and not arrays:
-        raise InputError(
-            "drive: found nothing, needed a drive, or arrays: points, camera and the data that the cue compares"
-        )
-    if drive is not None and arrays:
-        raise InputError(f"{min(arrays)}: found arrays and a drive, needed only one of the two")
-    if drive is None:
-        return Drive.from_arrays(**arrays)
-    if not isinstance(drive, LoadedDrive | Drive | Path | str):
-        raise InputError(
-            f"drive: found {type(drive).__name__}, needed a drive or its path; arrays have names"
-        )
-    return drive
-
-
-def _given(transform: Transform | None) -> InitialPose:
-    if transform is None:
-        raise InputError("transform: found nothing, needed T_camera_lidar (4, 4), a calibration or a file")
-    return as_initial_pose(transform)
-
-
-def _with_cue(config: CalibrationConfig | None, cue: Cues | None) -> CalibrationConfig:
-    """Put the cues into the settings."""
-    config = CalibrationConfig() if config is None else config
-    if cue is None:
-        return config
-    if isinstance(cue, bytes) or not isinstance(cue, Sequence):
-        raise InputError(f"cue: found {cue!r}, needed a name or a list of names")
-    return replace(config, cues=(cue,) if isinstance(cue, str) else tuple(cue))
+    data, stated, config = as_data(drive, arrays), as_initial_pose(transform), with_cue(config, cue)
+    limits = Limits() if limits is None else limits
+    # Limits are checked before the long work.
+    check_limits(limits)
+    data = data if isinstance(data, LoadedDrive | Drive) else read_drive(data)
+    seen = load_as_stated(data, stated, config, on_event)
+    return verification.verify(seen, stated, limits, config, on_event)

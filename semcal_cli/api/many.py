@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from semcal_cli import pipeline
-from semcal_cli.api.calibration import Calibration
+from semcal_cli.api.results import Calibration
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.many.batch.cluster import LostWorkerError, on_cluster, worker_of_thread
 from semcal_cli.many.batch.processes import ProcessError, Worker, in_processes
-from semcal_cli.result.calibration_document import Calibration as Document
+from semcal_cli.observations.loading import load
+from semcal_cli.result.calibration_document import CalibrationDocument
+from semcal_cli.result.provenance import with_provenance
 from semcal_cli.threads import num_cores, set_num_threads
 
 if TYPE_CHECKING:
@@ -65,14 +67,17 @@ def batch(
 
 
 def _on_worker(
-    calibrate: Callable[[OneDrive], Document], timeout_s: float | None, drive: OneDrive
+    calibrate: Callable[[OneDrive], CalibrationDocument], timeout_s: float | None, drive: OneDrive
 ) -> Calibration | Exception:
     """Calibrate a drive in the process of a thread of a cluster's worker."""
     return _ask(calibrate, timeout_s, worker_of_thread(), drive)
 
 
 def _ask(
-    calibrate: Callable[[OneDrive], Document], timeout_s: float | None, worker: Worker, drive: OneDrive
+    calibrate: Callable[[OneDrive], CalibrationDocument],
+    timeout_s: float | None,
+    worker: Worker,
+    drive: OneDrive,
 ) -> Calibration | Exception:
     """Let a process calibrate a drive, and return its calibration, or the error that ended it."""
     try:
@@ -88,7 +93,9 @@ def _calibrate(
     initial_pose: InitialPose | None,
     num_threads: int,
     drive: Drive | Path | str,
-) -> Document:
+) -> CalibrationDocument:
     """Calibrate a drive in this process, with `num_threads` threads."""
     set_num_threads(num_threads)
-    return pipeline.calibrate(drive, config, initial_pose=initial_pose)
+    data = load(drive, config)
+    calibration = pipeline.calibrate(data, config, initial_pose=initial_pose)
+    return with_provenance(calibration, data, start=None if initial_pose is None else initial_pose.source)

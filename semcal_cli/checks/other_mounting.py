@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from semcal_cli.estimation.search.mounting import Mounting
 from semcal_cli.estimation.search.mounting_search import Initialization
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
 from semcal_cli.findings.phrases import BY_HAND, describe_rival_fit
-from semcal_cli.result.sections import Hypothesis
 
 OTHER_MOUNTING = Check(
     topic="other-mounting",
@@ -65,7 +65,7 @@ def check_mountings(search: Initialization) -> tuple[Finding, ...]:
     return check_runner_up(search.hypotheses[0], search.runner_up)
 
 
-def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
+def check_runner_up(best: Mounting, other: Mounting | None) -> tuple[Finding, ...]:
     """Check that there is a runner-up, and that it is far enough behind the best hypothesis."""
     if other is None:
         sentence = "the search left no other mounting to compare with, needed at least one"
@@ -88,6 +88,6 @@ def describe_mountings(search: Initialization) -> str:
     return f"{count} mountings compared, another one fits {'almost as well' if margin >= 0.0 else 'better'}"
 
 
-def is_rival(best: Hypothesis, other: Hypothesis, min_deg: float) -> bool:
+def is_rival(best: Mounting, other: Mounting, min_deg: float) -> bool:
     """Whether a hypothesis is another mounting that is not far enough behind the best one."""
     return other.rotation_from_best_deg >= min_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN

@@ -6,7 +6,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.provenance import hash_named
 
 OWN_DRIVE = Check(
@@ -33,7 +33,7 @@ OWN_DRIVE = Check(
 )
 
 
-def check_own_drive(drive: Drive, record: Calibration) -> tuple[Finding, ...]:
+def check_own_drive(drive: Drive, record: CalibrationDocument) -> tuple[Finding, ...]:
     """Report a calibration that was made from most of these sweeps, by their contents: it agrees with itself."""
     known = set(record.input.sha256.values())
     num_own = sum(hash_named(drive, frame.points) in known for frame in drive.frames)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from semcal_cli.cli import EXIT_STOPPED
-from semcal_cli.cli.calibrate import CalibrateSettings, calibrate
+from semcal_cli.cli.calibrate import calibrate
+from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
 from semcal_cli.cli.options import MAX_THREADS, QuietSettings
 from semcal_cli.cli.rules import given, refuse
@@ -143,10 +144,10 @@ def _make_tasks(settings: BatchSettings) -> list[Task]:
     from semcal_cli.many.batch.tasks import find_drives, folder_of
 
     make = _task_maker(settings)
-    found, folder = find_drives(settings.drives, sys.stdin), settings.output.absolute()
+    drives, folder = find_drives(settings.drives, sys.stdin), settings.output.absolute()
     tasks: list[Task] = [
         make(drive, path=str(Path(drive).absolute()), folder=str(folder / folder_of(drive)))
-        for drive in found
+        for drive in drives
     ]
     check_folders(tasks, folder, settings.output)
     return tasks
@@ -161,17 +162,17 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
     from semcal_cli.many.batch.tasks import Task
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
-    calibration, found = settings.calibration, _checked(settings, rest)
+    calibration, command_settings = settings.calibration, _parse_rest(settings, rest)
     named = [] if calibration is None else [calibration]
-    if isinstance(found, CalibrateSettings):
+    if isinstance(command_settings, CalibrateSettings):
         if settings.dask is None:
-            found.check_estimator()
-            if found.device == "cuda":
+            command_settings.check_estimator()
+            if command_settings.device == "cuda":
                 with torch_import():
                     from semcal_cli.estimation.refine.mine import check_device
 
                 check_device("cuda")
-        for name, values in _files(settings, found).items():
+        for name, values in _files(settings, command_settings).items():
             named += [value for value in values if isinstance(value, Path)]
             rest = [*_without(rest, name), *(word for value in values for word in (name, str(value)))]
     if calibration is not None:
@@ -182,12 +183,12 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
         arguments=tuple(rest),
         other_files=tuple(str(drive_file(path).absolute()) for path in named),
         num_threads=settings.num_threads,
-        max_points=found.max_points,
+        max_points=command_settings.max_points,
         timeout_s=settings.timeout_s,
     )
 
 
-def _files(settings: BatchSettings, found: CalibrateSettings) -> dict[str, list[Path | str]]:
+def _files(settings: BatchSettings, command_settings: CalibrateSettings) -> dict[str, list[Path | str]]:
     """List the files of each option, by absolute paths.
 
     Networks of the hub are fetched once for all drives; Dask's workers fetch them by name, into their own caches.
@@ -196,16 +197,20 @@ def _files(settings: BatchSettings, found: CalibrateSettings) -> dict[str, list[
 
     files: dict[str, list[Path | str]] = {"--image-model": []}
     with settings.terminal() as terminal:
-        for name in found.image_model:
+        for name in command_settings.image_model:
             if settings.dask is not None and is_hub_name(name):
                 files["--image-model"].append(name)
             else:
-                path = find_model(name, found.max_download_mb, terminal.on_event)
+                path = find_model(name, command_settings.max_download_mb, terminal.on_event)
                 files["--image-model"].append(path.absolute())
-    if found.init is not None:
-        files["--init"] = [found.init.absolute()]
-    if found.image_model and found.image_card is not None and Path(found.image_card).exists():
-        files["--image-card"] = [Path(found.image_card).absolute()]
+    if command_settings.init is not None:
+        files["--init"] = [command_settings.init.absolute()]
+    if (
+        command_settings.image_model
+        and command_settings.image_card is not None
+        and Path(command_settings.image_card).exists()
+    ):
+        files["--image-card"] = [Path(command_settings.image_card).absolute()]
     return files
 
 
@@ -220,7 +225,7 @@ def _without(words: Sequence[str], name: str) -> list[str]:
     return kept
 
 
-def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:
+def _parse_rest(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:
     """Parse the options that go to the command, and check everything that can be checked without a drive."""
     from semcal_cli.many.batch.tasks import RESULTS
 
@@ -231,10 +236,10 @@ def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | Ve
     root = click.get_current_context().parent
     with run.make_context(name, [*arguments, *rest], root, default_map={"output": RESULTS[name]}) as context:
         refuse(context, OURS, "cannot be used with many drives")
-        found: CalibrateSettings | VerifySettings = run.settings_in(context)
+        command_settings: CalibrateSettings | VerifySettings = run.settings_in(context)
         try:
-            found.check()
+            command_settings.check()
         except click.UsageError as error:
             error.ctx = context
             raise
-    return found
+    return command_settings

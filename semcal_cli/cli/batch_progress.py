@@ -84,7 +84,7 @@ def _outcome_text(outcome: Outcome) -> Text:
 
 
 def _first_reason(outcome: Outcome) -> str:
-    """Give the first reason of an outcome, with files relative to the drive, whose name is printed before it."""
+    """Return the first reason of an outcome, with files relative to the drive, whose name is printed before it."""
     reason = outcome.reasons[0].removeprefix(f"{Path(outcome.drive).absolute()}/")
     return reason.removeprefix(f"{outcome.drive}/")
 
@@ -144,12 +144,12 @@ def _agreement(trusted: set[str], folder: Path) -> list[tuple[str, str]]:
         if num_cameras > 1:
             several = f"none: the trusted drives have {num_cameras:,} different cameras, given or estimated"
             return [("agreed pose", several)]
-        found = combine_drives(drives, Limits())
+        fleet = combine_drives(drives, Limits())
     except SemcalError as error:
         return [("agreed pose", f"none: {error}")]
-    known = widest(found.parts[-1].half_widths.tolist())
+    known = widest(fleet.parts[-1].half_widths.tolist())
     return [
         ("agreed pose", f"of {len(drives):,} trusted drives: {known}"),
-        *pose_rows(found.T_camera_lidar),
-        *([("note", found.reasons[0])] if found.verdict != "pass" and found.reasons else ()),
+        *pose_rows(fleet.T_camera_lidar),
+        *([("note", fleet.reasons[0])] if fleet.verdict != "pass" and fleet.reasons else ()),
     ]

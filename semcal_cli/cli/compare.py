@@ -46,27 +46,27 @@ def compare(settings: CompareSettings) -> None:
     from semcal_cli.pipeline.verdict import together
 
     known_a, known_b = read_extrinsic(settings.a), read_extrinsic(settings.b)
-    found = difference(known_a, known_b)
-    error = found.error
+    comparison = difference(known_a, known_b)
+    error = comparison.error
     differences = (
         ("rotation", error.rotation_deg, "degrees", settings.max_rotation_deg),
         ("camera centre", error.camera_center_cm, "cm", 100.0 * settings.max_translation_m),
     )
-    verdicts = [found.verdict(off, allowed, unit[:3]) for _, off, unit, allowed in differences]
+    verdicts = [comparison.verdict(off, allowed, unit[:3]) for _, off, unit, allowed in differences]
     verdict = together(verdicts)
     if (cameras := describe_cameras(known_a, known_b)) is not None:
         click.echo("\n".join(wrapped("camera", cameras)), err=True)
-    figures = [_figures(found, *each[1:]) for each in differences]
+    figures = [_figures(comparison, *each[1:]) for each in differences]
     names = [name for name, *_ in differences]
     cases = [Case(*each) for each in zip(names, verdicts, figures, strict=True)]
     report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
     if settings.as_json:
         more = {"same": verdict == "pass", "verdict": verdict}
-        click.echo(json.dumps(asdict(found) | more, allow_nan=False))
+        click.echo(json.dumps(asdict(comparison) | more, allow_nan=False))
     else:
         console = make_console(stderr=False)
         console.print(f"{'':<18}{'A minus B':>14}   {'95 % of A':<12}95 % of B")
-        for axis in found.axes:
+        for axis in comparison.axes:
             console.print(_line(axis))
         for name, off, unit, allowed in differences:
             console.print(
@@ -74,17 +74,17 @@ def compare(settings: CompareSettings) -> None:
             )
         line = f"within limits: {error.rotation_deg:.4f} degrees and {error.camera_center_cm:.3f} cm apart"
         if verdict != "pass":
-            told = (text for text, each in zip(figures, verdicts, strict=True) if each == verdict)
-            line = f"{'beyond limits' if verdict == 'fail' else 'undecided'}: {'; '.join(told)}"
+            texts = (text for text, each in zip(figures, verdicts, strict=True) if each == verdict)
+            line = f"{'beyond limits' if verdict == 'fail' else 'undecided'}: {'; '.join(texts)}"
         console.print(line, style=COLORS[verdict])
     report.tell_github()
     sys.exit(report.exit_code)
 
 
-def _figures(found: Comparison, off: float, unit: str, allowed: float) -> str:
+def _figures(comparison: Comparison, off: float, unit: str, allowed: float) -> str:
     """Describe a total difference, its limit, and its uncertainty."""
     text, most = format_against_limit(off, allowed, 3)
-    half = found.half_width(unit[:3])
+    half = comparison.half_width(unit[:3])
     return f"{text} {unit}, allowed {most}" + ("" if half is None else f", known to +- {half:.2f}")
 
 

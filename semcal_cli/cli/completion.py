@@ -22,7 +22,7 @@ def completion(shell: str) -> None:
     """Print the completion script of a shell."""
     from click.shell_completion import get_completion_class
 
-    found = get_completion_class(shell)
-    assert found is not None
+    completer = get_completion_class(shell)
+    assert completer is not None
     root = click.get_current_context().find_root().command
-    click.echo(found(root, {}, PROGRAM, VARIABLE).source())
+    click.echo(completer(root, {}, PROGRAM, VARIABLE).source())

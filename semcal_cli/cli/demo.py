@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from semcal_cli.geometry.arrays import Pose
     from semcal_cli.importing.recording import Request
     from semcal_cli.observations.loading import LoadedDrive
-    from semcal_cli.result.calibration_document import Calibration
+    from semcal_cli.result.calibration_document import CalibrationDocument
 
 NUM_FRAMES, NUM_REAL_FRAMES = 8, 20
 OFF_DEG, OFF_M = 2.0, 0.1
@@ -73,9 +73,8 @@ def demo(settings: DemoSettings) -> None:
     outputs = Outputs(out / "calibration.yaml", page=page, has_next_steps=is_real)
     run = RunSettings(drive=drive, threads=settings.threads, quiet=settings.quiet)
     with loaded_drive(run, config, outputs, start) as (data, terminal):
-        calibration = calibrate(
-            data, config, initial_pose=start, relative_to=outputs.folder, on_event=terminal.on_event
-        )
+        calibration = calibrate(data, config, initial_pose=start, on_event=terminal.on_event)
+        calibration = outputs.with_provenance(calibration, data, start)
     if start is None:
         off = displace(calibration.pose, OFF_DEG, OFF_M, rng)
         poses = {f"a camera {OFF_DEG:g} degrees off": off, "found without a start": calibration.pose}
@@ -133,7 +132,7 @@ def _found(folder: Path) -> tuple[str, Request]:
     return "kitti-raw", Request(folder, sequence.name, camera)
 
 
-def _by_mine(data: LoadedDrive, calibration: Calibration, T_true: Pose) -> str:
+def _by_mine(data: LoadedDrive, calibration: CalibrationDocument, T_true: Pose) -> str:
     """Refine from the same start with MINE, the paper's estimator, and describe its error and time in one line."""
     import numpy as np
 

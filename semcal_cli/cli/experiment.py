@@ -55,8 +55,8 @@ def _compare_methods(name: str, settings: MethodsSettings) -> None:
 
     check_torch(f"semcal experiment {name}")
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    found = pairs_and_noise.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
-    click.echo(measure(found, settings.jobs), nl=False)
+    made = pairs_and_noise.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
+    click.echo(measure(made, settings.jobs), nl=False)
 
 
 @experiment.command(cls=SettingsCommand, settings=MethodsSettings)
@@ -131,8 +131,8 @@ def table(settings: TableSettings) -> None:
     with Terminal(quiet=False) as terminal:
         terminal.show("reading frames")
         data = load(spec, CalibrationConfig(max_frames=settings.max_frames))
-        found = compare(data, T_reference, initial_pose, settings.frame, terminal.show)
-    click.echo(write_table(found, settings.frame, folder), nl=False)
+        comparison = compare(data, T_reference, initial_pose, settings.frame, terminal.show)
+    click.echo(write_table(comparison, settings.frame, folder), nl=False)
     click.echo(f"written to {folder}", err=True)
 
 
@@ -149,9 +149,9 @@ def measure(experiment: Experiment[Any, Any], num_jobs: int | None) -> str:
     console = make_console()
     progress = RunProgress(console, num_jobs or 1)
     with live_lines(console, progress.lines):
-        found = experiment.measure(num_jobs, progress)
+        report = experiment.measure(num_jobs, progress)
     click.echo(f"written to {experiment.folder}", err=True)
-    return found
+    return report
 
 
 class RunProgress(Pace):
@@ -178,6 +178,6 @@ class RunProgress(Pace):
             self._console.print(f"{number}  {name}  ({told})", markup=False)
 
     def lines(self) -> list[Text]:
-        """Say how many runs are done and about how long the rest takes, and list the running ones."""
+        """Describe how many runs are done and about how long the rest takes, and list the running ones."""
         count = f"{self.num_done:,} of {self.num_items:,} runs are done"
         return [Text("   ".join(filter(None, [count, time_left(self)]))), *running_lines(self)]

@@ -90,25 +90,30 @@ def fleet(settings: FleetSettings) -> None:
         settings.check_suffixes()
         T_reference = None if reference is None else read_transform(reference)
         limits = Limits(settings.max_rotation_deg, settings.max_translation_m)
-        found = combine_drives(read_fleet_drives(results), limits, T_reference)
+        combined = combine_drives(read_fleet_drives(results), limits, T_reference)
     report = CiReport(
-        "fleet", subject, found.verdict, _cases(found), found.reasons, inconclusive=settings.inconclusive
+        "fleet",
+        subject,
+        combined.verdict,
+        _cases(combined),
+        combined.reasons,
+        inconclusive=settings.inconclusive,
     )
-    document = _document(found, read, output, reference)
+    document = _document(combined, read, output, reference)
     text = document_text(document, form)
     if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
         size = f"{len(text):,} bytes of YAML, too many for other commands to read"
         raise InputError(f"{output}: found {size}, needed .json")
-    _write(found, report, text, settings)
+    _write(combined, report, text, settings)
     if output is None or settings.as_json:
         click.echo(document_text(document, "json") if settings.as_json else text, nl=False)
     written = [path for path in (output, page, plot, junit) if path is not None]
-    _print(found, written, settings.terminal())
+    _print(combined, written, settings.terminal())
     report.tell_github()
     sys.exit(report.exit_code)
 
 
-def _write(found: Fleet, report: CiReport, text: str, settings: FleetSettings) -> None:
+def _write(combined: Fleet, report: CiReport, text: str, settings: FleetSettings) -> None:
     """Write all outputs. Their content is complete before anything is written; the result is written last."""
     from semcal_cli.files.output_files import write_bytes
     from semcal_cli.fleet.fleet_page import page_html
@@ -117,9 +122,9 @@ def _write(found: Fleet, report: CiReport, text: str, settings: FleetSettings) -
     page, plot = settings.page, settings.plot
     contents: dict[Path, bytes] = {}
     if page is not None:
-        contents[page] = page_html(found, report.subject).encode()
+        contents[page] = page_html(combined, report.subject).encode()
     if plot is not None:
-        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
+        contents[plot] = plot_fleet(combined, "svg" if plot.suffix.lower() == ".svg" else "png")
     if settings.junit is not None:
         contents[settings.junit] = report.junit().encode()
     if settings.output is not None:
@@ -129,7 +134,7 @@ def _write(found: Fleet, report: CiReport, text: str, settings: FleetSettings) -
 
 
 def _document(
-    found: Fleet, read: Sequence[Path], output: Path | None, reference: Path | None
+    combined: Fleet, read: Sequence[Path], output: Path | None, reference: Path | None
 ) -> dict[str, Any]:
     """Describe the result, with paths relative to its folder."""
     from semcal_cli.cli.outputs import folder_of
@@ -139,23 +144,23 @@ def _document(
 
     place = folder_of(output)
     name = None if reference is None else os.path.relpath(drive_file(reference), place)
-    return describe_fleet(found, hash_files(read, place), name)
+    return describe_fleet(combined, hash_files(read, place), name)
 
 
-def _cases(found: Fleet) -> list[Case]:
+def _cases(combined: Fleet) -> list[Case]:
     """Make a test case of each check, of each drive, and of the overall verdict."""
     from semcal_cli.fleet.fleet_verdict import total
 
-    cases = [Case.of_check(check) for check in found.checks]
-    for drive in found.drives:
+    cases = [Case.of_check(check) for check in combined.checks]
+    for drive in combined.drives:
         # An uncertain drive is no reason to distrust the rig; a drive that seems far off is.
         verdict = drive.verdict if drive.is_far else "pass"
         cases.append(Case(f"drive {drive.drive.name}", verdict, f"{total(drive.offset)} off"))
     # The file has the same verdict as the exit code, whatever decides it.
-    return [*cases, Case("all together", found.verdict, counted(len(found.drives), "drive"))]
+    return [*cases, Case("all together", combined.verdict, counted(len(combined.drives), "drive"))]
 
 
-def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
+def _print(combined: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     """Print the summary of a fleet: what is wrong, what holds now, the files, and the verdict last."""
     from semcal_cli.cli.tables import matrix_lines, wrapped
     from semcal_cli.errors import first_of, printable
@@ -165,24 +170,24 @@ def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     def show(label: str, lines: Iterable[str]) -> None:
         terminal.print(*_rows(label, lines))
 
-    num_used, num_all = len(found.drives), len(found.drives) + len(found.left_out)
-    order = "in the order of their stamps" if found.order == "stamp" else "in the order of their names"
-    last = found.parts[-1]
+    num_used, num_all = len(combined.drives), len(combined.drives) + len(combined.left_out)
+    order = "in the order of their stamps" if combined.order == "stamp" else "in the order of their names"
+    last = combined.parts[-1]
     show("drives", [f"{num_used:,} of {num_all:,} used, {order}"])
-    left_out = [f"{drive.name}: {drive.left_out}" for drive in found.left_out]
+    left_out = [f"{drive.name}: {drive.left_out}" for drive in combined.left_out]
     show("left out", first_of(left_out, MAX_LINES))
-    show("note", found.notes)
-    apart = [drive for drive in found.drives if drive.disagrees or drive.is_far]
+    show("note", combined.notes)
+    apart = [drive for drive in combined.drives if drive.disagrees or drive.is_far]
     apart.sort(key=lambda drive: (drive.verdict != "fail", not drive.is_far))
     show("apart", first_of([*map(_apart, apart)], MAX_LINES))
-    terminal.print(*map(printable, _check_lines(found.checks)))
-    show("reasons", found.reasons)
-    show("T_camera_lidar", matrix_lines(found.T_camera_lidar))
-    show("holds", [f"at {last.last}" if found.drift is not None else f"from {last.first} on"])
+    terminal.print(*map(printable, _check_lines(combined.checks)))
+    show("reasons", combined.reasons)
+    show("T_camera_lidar", matrix_lines(combined.T_camera_lidar))
+    show("holds", [f"at {last.last}" if combined.drift is not None else f"from {last.first} on"])
     show("95 % interval", intervals(last.half_widths.tolist()))
     show("written to", map(str, written))
-    verdict = f"{found.verdict}: {title(found)[0].lower()}{title(found)[1:]}"
-    terminal.print_verdict("\n".join(wrapped("verdict", verdict)), found.verdict)
+    verdict = f"{combined.verdict}: {title(combined)[0].lower()}{title(combined)[1:]}"
+    terminal.print_verdict("\n".join(wrapped("verdict", verdict)), combined.verdict)
 
 
 def _apart(drive: ComparedDrive) -> str:
@@ -203,12 +208,12 @@ def _check_lines(checks: Sequence[AxisVerdict]) -> Iterator[str]:
     shown = [check for check in checks if check.name.endswith(OVERALL) or check.verdict != "pass"]
     last = None
     for check in shown[:MAX_LINES]:
-        told = check_words(check)
-        if told.subject != last:
-            yield from _wrapped(told.subject, COLUMNS)
-        last, unit = told.subject, told.unit[:3]
-        found = f"  {told.quantity:<26}{told.offset:>9} +- {told.half_width:<8} {unit:<3}"
-        yield f"{found} allowed {told.allowed:<7}{check.verdict}"
+        words = check_words(check)
+        if words.subject != last:
+            yield from _wrapped(words.subject, COLUMNS)
+        last, unit = words.subject, words.unit[:3]
+        line = f"  {words.quantity:<26}{words.offset:>9} +- {words.half_width:<8} {unit:<3}"
+        yield f"{line} allowed {words.allowed:<7}{check.verdict}"
     if len(shown) > MAX_LINES:
         yield f"  and {len(shown) - MAX_LINES:,} more"
 

@@ -37,8 +37,9 @@ def initialize(settings: InitializeSettings) -> None:
         RefinementConfig(max_baseline_m=settings.max_baseline_m),
     )
     with loaded_drive(settings, config, outputs, start) as (data, terminal):
-        found = search(data, config.initialization, config.seed, start, on_event=terminal.on_event)
-        terminal.print(*hypothesis_lines(found.hypotheses, verbose=settings.verbose))
-        stages = Stages(found, of_search=check_mountings(found))
-        calibration = make_calibration(data, stages, config, initial_pose=start, relative_to=outputs.folder)
+        initial = search(data, config.initialization, config.seed, start, on_event=terminal.on_event)
+        terminal.print(*hypothesis_lines(initial.hypotheses, verbose=settings.verbose))
+        stages = Stages(initial, of_search=check_mountings(initial))
+        calibration = make_calibration(data, stages, config, initial_pose=start)
+        calibration = outputs.with_provenance(calibration, data, start)
     sys.exit(outputs.write(calibration, terminal, settings.threads))

@@ -51,11 +51,11 @@ def inspect(settings: InspectSettings) -> None:
     from semcal_cli.checks.inspection import inspect as look_through
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.many.rig.rig_document import find_rig, read_rig
+    from semcal_cli.many.rig.rig_document import find_rig
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
-    drives = {"": read_drive(path, max_points)} if rig is None else read_rig(rig).read_drives(max_points)
+    drives = {"": read_drive(path, max_points)} if rig is None else rig.read_drives(max_points)
     reports = {}
     with Terminal(quiet=settings.as_json) as terminal:
         for name, each in drives.items():
@@ -105,12 +105,12 @@ def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
 
 def _grouped(report: DriveReport) -> list[str]:
     """List the findings about frames; equal findings are joined and name their first frames."""
-    found: dict[str, list[str]] = {}
+    frames_by_finding: dict[str, list[str]] = {}
     for frame in report.frames:
         for suspicion in frame.suspicions:
-            found.setdefault(suspicion, []).append(frame.points)
+            frames_by_finding.setdefault(suspicion, []).append(frame.points)
     lines = []
-    for suspicion, names in found.items():
+    for suspicion, names in frames_by_finding.items():
         more = f" and {len(names) - NUM_NAMED_FRAMES:,} more" if len(names) > NUM_NAMED_FRAMES else ""
         lines.append(f"{', '.join(names[:NUM_NAMED_FRAMES])}{more}: {suspicion}")
     return lines
@@ -143,7 +143,7 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
 
 
 def _motion(report: DriveReport, span_s: float) -> str:
-    """Say how long the drive is and how fast it moves."""
+    """Describe how long the drive is and how fast it moves."""
     if report.speeds_m_s is None or report.fastest_turn_deg_s is None:
         return f"frames span {span_s:.0f} s; no poses, no twist"
     low, high = report.speeds_m_s
@@ -179,11 +179,11 @@ def _table(report: DriveReport) -> Table:
 
 def _together(counts: Iterable[Mapping[str, int] | None]) -> Mapping[str, int] | None:
     """Add up the counts of all frames that have labels; None if no frame has."""
-    found = [each for each in counts if each is not None]
+    labelled = [each for each in counts if each is not None]
     total: Counter[str] = Counter()
-    for each in found:
+    for each in labelled:
         total.update(each)
-    return total if found else None
+    return total if labelled else None
 
 
 def _commonest(counts: Mapping[str, int] | None) -> str:

@@ -35,6 +35,7 @@ from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.result.applied import apply_result, cues_applied
 from semcal_cli.result.calibration_document import calibration_text, write_calibration
 from semcal_cli.result.next_steps import after_calibration
+from semcal_cli.result.provenance import with_provenance
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.many.rig.rig_calibration import RigCalibration
     from semcal_cli.pipeline.verdict import Verdict
-    from semcal_cli.result.calibration_document import Calibration
+    from semcal_cli.result.calibration_document import CalibrationDocument
 
 EXIT_NOT_TRUSTED = 3
 MAX_IMAGES = 20
@@ -84,6 +85,27 @@ class Outputs:
     def is_illustrated(self) -> bool:
         """Whether a report or overlays are requested."""
         return self.page is not None or self.images is not None
+
+    def with_provenance(
+        self,
+        calibration: CalibrationDocument,
+        data: LoadedDrive,
+        initial_pose: InitialPose | None = None,
+        hashes: dict[str, str] | None = None,
+    ) -> CalibrationDocument:
+        """Add the hashes of the files that a calibration was computed from, by their paths relative to the result.
+
+        Args:
+            calibration: The calibration.
+            data: The drive that it was computed from.
+            initial_pose: Pose that it started from.
+            hashes: SHA-256 by the real paths of files; new ones are added.
+
+        Raises:
+            InputError: a file cannot be read.
+        """
+        start = None if initial_pose is None else initial_pose.source
+        return with_provenance(calibration, data, start=start, relative_to=self.folder, hashes=hashes)
 
     def check(self, drive: Drive, initial_pose: InitialPose | None = None) -> None:
         """Check before the work begins that all outputs can be written, and that none replaces an input.
@@ -126,7 +148,7 @@ class Outputs:
 
     def write(
         self,
-        calibration: Calibration,
+        calibration: CalibrationDocument,
         terminal: Terminal,
         num_threads: int | None,
         drive: Drive | None = None,
@@ -157,7 +179,7 @@ class Outputs:
         _report(calibration, written_to).tell_github()
         return exit_code(calibration)
 
-    def _write_result(self, calibration: Calibration) -> None:
+    def _write_result(self, calibration: CalibrationDocument) -> None:
         if self.as_json:
             click.echo(calibration_text(calibration, "json"), nl=False)
         if self.to is not None:
@@ -174,7 +196,7 @@ class Outputs:
         elif not self.as_json:
             click.echo(calibration_text(calibration, "yaml"), nl=False)
 
-    def _illustrate(self, drive: Drive, calibration: Calibration, terminal: Terminal) -> None:
+    def _illustrate(self, drive: Drive, calibration: CalibrationDocument, terminal: Terminal) -> None:
         """Write the report and the overlays of a calibration, if requested, from the frames that it used."""
         from semcal_cli.report import make_report_input, write_report
 
@@ -191,7 +213,7 @@ class Outputs:
                 terminal.print_paths("image", report.overlays(MAX_IMAGES).write_all(self.images))
 
 
-def _report(calibration: Calibration, written_to: str) -> CiReport:
+def _report(calibration: CalibrationDocument, written_to: str) -> CiReport:
     """Make the CI report of a calibration, with the interval of its pose or the number of doubts."""
     verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
     command = click.get_current_context().command.name or "calibrate"
@@ -199,8 +221,8 @@ def _report(calibration: Calibration, written_to: str) -> CiReport:
     return CiReport(command, written_to, verdict, [case], calibration.reasons)
 
 
-def exit_code(result: Calibration | RigCalibration) -> int:
-    """Give the exit code of a written result: 3 if it is not trusted."""
+def exit_code(result: CalibrationDocument | RigCalibration) -> int:
+    """Return the exit code of a written result: 3 if it is not trusted."""
     return EXIT_NOT_TRUSTED if result.status == "not_trusted" else 0
 
 

@@ -61,7 +61,7 @@ def overlay(settings: OverlaySettings) -> None:
         overlays = _overlays(read_drive(settings.drive, settings.max_points), settings, terminal)
         terminal.print(*map(str, overlays.write_all(output)))
         return
-    refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig))
+    refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig.path))
     found, drives, read = read_rig_files(rig, settings.calibration, settings.max_points)
     drives = {name: _few(each, settings, output / name, read) for name, each in drives.items()}
     make_folder(output)

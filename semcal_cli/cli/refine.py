@@ -36,5 +36,6 @@ def refine(settings: RefineSettings) -> None:
     cues, outputs = settings.known_cues(settings.cues), Outputs.of_result(settings)
     config = CalibrationConfig(settings.seed, cues, settings.max_frames, refinement=refinement)
     with loaded_drive(settings, config, outputs, start) as (data, terminal):
-        calibration = refine_given(data, start, config, priors, terminal.on_event, outputs.folder)
+        calibration = refine_given(data, start, config, priors, terminal.on_event)
+        calibration = outputs.with_provenance(calibration, data, start)
     sys.exit(outputs.write(calibration, terminal, settings.threads))

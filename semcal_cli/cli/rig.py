@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -12,28 +12,28 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
+from semcal_cli.cli.jobs import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.events import Event
+from semcal_cli.events import Listener
 from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
-from semcal_cli.many.rig.rig_document import RESULT, Rig, read_rig
+from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.many.rig.rig_page import rig_page_html
 from semcal_cli.observations.loading import load
 from semcal_cli.result.applied import apply_result
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.result.uncertainty import intervals
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
-    from semcal_cli.cli.calibrate import CalibrateSettings
+    from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
     from semcal_cli.many.rig.rig_calibration import CameraPair
@@ -45,11 +45,11 @@ OF_ONE_CAMERA = (
 """Options of `calibrate` that make sense for a single camera only."""
 
 
-def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
+def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     """Calibrate the cameras of a rig one after another, reading each sweep once, and write the results.
 
     Args:
-        path: File of the rig, rig.yaml.
+        rig: The rig.
         settings: Settings of the command; the output is a folder.
 
     Returns:
@@ -60,12 +60,12 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(path))
+    refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(rig.path))
     if (folder := settings.output) is None:
         raise click.UsageError(
-            f"-o: {path} is a rig, whose results are several files; give a folder for them"
+            f"-o: {rig.path} is a rig, whose results are several files; give a folder for them"
         )
-    rig, page, result = read_rig(path), settings.page, folder / f"{RESULT}.yaml"
+    page, result = settings.page, folder / f"{RESULT}.yaml"
     drives = rig.read_drives(settings.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     with _made(folder):
@@ -76,34 +76,33 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
             outputs[name].check(drive)
     set_num_threads(settings.threads)
     sweeps, hashes, config = SweepCache(), dict[str, str](), settings.config
-    calibrate = partial(settings.calibration(), relative_to=folder, hashes=hashes)
+    calibrate = settings.calibration()
 
-    def run(drive: Drive, on_event: Callable[[Event], None]) -> Calibration:
-        return calibrate(load(drive, config, on_event, sweeps), on_event=on_event)
+    def run(name: str, on_event: Listener) -> CalibrationDocument:
+        data = load(drives[name], config, on_event, sweeps)
+        calibration = calibrate(data, on_event=on_event)
+        return outputs[name].with_provenance(calibration, data, hashes=hashes)
 
-    jobs = [
-        Job(name, name, partial(run, drive), outputs[name], settings.terminal())
-        for name, drive in drives.items()
-    ]
+    jobs = [Job(name, partial(run, name), outputs[name], settings.terminal()) for name in drives]
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
         raise CalibrationError(failure_sentence(failures, len(drives)))
-    found = combine(rig, drives, cameras, failures, sweeps.num_different)
-    _write(found, rig, drives, result, hashes)
+    result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different)
+    _write(result_of_rig, rig, drives, result, hashes)
     if settings.log is not None:
         logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
         write_text(json.dumps(logs, indent=2) + "\n", settings.log)
     terminal = settings.terminal()
-    terminal.print(*_lines(found, result))
+    terminal.print(*_lines(result_of_rig, result))
     if page is not None:
         seen = {name: apply_result(cameras.get(name), each, name).drive for name, each in drives.items()}
         with terminal:
-            write_text(rig_page_html(found, seen, (str(path), str(result)), terminal.show), page)
+            write_text(rig_page_html(result_of_rig, seen, (str(rig.path), str(result)), terminal.show), page)
         terminal.print_paths("report", [page])
-    _print_verdict(found, terminal)
+    _print_verdict(result_of_rig, terminal)
     if failures:
         raise CalibrationError(failure_sentence(failures, len(drives)))
-    return exit_code(found)
+    return exit_code(result_of_rig)
 
 
 @contextmanager
@@ -127,22 +126,22 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def _write(
-    found: RigCalibration, rig: Rig, drives: Mapping[str, Drive], result: Path, hashes: dict[str, str]
+    calibration: RigCalibration, rig: Rig, drives: Mapping[str, Drive], result: Path, hashes: dict[str, str]
 ) -> None:
     files = {name: f"{name}.yaml" for name in drives}
     read = [rig.path, *(drive.path for drive in drives.values())]
     source = os.path.relpath(rig.path, result.parent)
-    document = describe_rig(found, files, source, hash_files(read, result.parent, hashes))
+    document = describe_rig(calibration, files, source, hash_files(read, result.parent, hashes))
     write_text(document_text(document, "yaml"), result)
 
 
-def _lines(found: RigCalibration, result: Path) -> list[str]:
+def _lines(calibration: RigCalibration, result: Path) -> list[str]:
     """Describe the result of the whole rig."""
-    num_frames = sum(len(each.input.frames) for each in found.cameras.values())
+    num_frames = sum(len(each.input.frames) for each in calibration.cameras.values())
     return [
-        *(line for pair in found.pairs for line in _pair_lines(pair)),
-        labelled("sweeps", f"{found.num_sweeps:,} for {num_frames:,} frames"),
-        *(line for note in found.notes for line in wrapped("note", note)),
+        *(line for pair in calibration.pairs for line in _pair_lines(pair)),
+        labelled("sweeps", f"{calibration.num_sweeps:,} for {num_frames:,} frames"),
+        *(line for note in calibration.notes for line in wrapped("note", note)),
         labelled("written to", str(result)),
     ]
 
@@ -160,11 +159,15 @@ def _pair_lines(pair: CameraPair) -> list[str]:
     return lines
 
 
-def _print_verdict(found: RigCalibration, terminal: Terminal) -> None:
+def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:
     """Print the verdict on a rig, with the cameras that caused it."""
-    if found.status == "trusted":
+    if calibration.status == "trusted":
         terminal.print_verdict(labelled("rig", "trusted"), "trusted")
         return
-    worst = found.failures or [name for name, each in found.cameras.items() if each.status == found.status]
-    lines = wrapped("rig", f"{found.status.replace('_', ' ')}: {', '.join(worst)}")
-    terminal.print_verdict("\n".join(lines), "not_trusted" if found.status == "failed" else found.status)
+    worst = calibration.failures or [
+        name for name, each in calibration.cameras.items() if each.status == calibration.status
+    ]
+    lines = wrapped("rig", f"{calibration.status.replace('_', ' ')}: {', '.join(worst)}")
+    terminal.print_verdict(
+        "\n".join(lines), "not_trusted" if calibration.status == "failed" else calibration.status
+    )

@@ -36,10 +36,10 @@ def _holds(context: click.Context, term: str) -> bool:
     name = next((str(each.name) for each in context.command.params if option in each.opts), None)
     if name is None:
         return False
-    found = context.params[name]
+    given_value = context.params[name]
     if value:
-        return value in found if isinstance(found, tuple) else found == value
-    return context.get_parameter_source(name) in (COMMANDLINE, DEFAULT_MAP) and found is not None
+        return value in given_value if isinstance(given_value, tuple) else given_value == value
+    return context.get_parameter_source(name) in (COMMANDLINE, DEFAULT_MAP) and given_value is not None
 
 
 @dataclass(frozen=True)

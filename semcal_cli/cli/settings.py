@@ -139,13 +139,13 @@ def setting_of(config: type, name: str, *, help: str = "{}", is_open: bool = Fal
         help: Format that surrounds the setting's own help.
         is_open: Whether the value is None if the option is not given, because its default depends on other settings.
     """
-    found = settings_of(config)[name]
+    setting = settings_of(config)[name]
     return option(
-        help.format(found.help) + (f"  [default: {found.default}]" if is_open else ""),
-        found.option or f"--{name.replace('_', '-')}",
-        default=None if is_open else found.default,
-        metavar=None if found.choices else found.metavar,
-        **{limit: getattr(found, limit) for limit in LIMITS},
+        help.format(setting.help) + (f"  [default: {setting.default}]" if is_open else ""),
+        setting.option or f"--{name.replace('_', '-')}",
+        default=None if is_open else setting.default,
+        metavar=None if setting.choices else setting.metavar,
+        **{limit: getattr(setting, limit) for limit in LIMITS},
     )
 
 

@@ -37,7 +37,7 @@ AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 PRIORS = ("--fix", "--prior-translation-m", "--prior-rotation-deg")
 UNKNOWN = math.inf
 NUMBERS_AND_SIGMA = (*[FiniteNumber()] * 3, FiniteRange(0.0))
-LEAST_SIGMA = 1e-9
+MIN_SIGMA = 1e-9
 """Smallest standard deviation of estimated intrinsics: less would mean exact."""
 
 
@@ -62,6 +62,7 @@ def read_initial_pose(
     Raises:
         InputError: the file is not a transform, is ambiguous, or is standard input.
     """
+    from semcal_cli.drive.document import drive_file
     from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.formats.format import FormatOptions
@@ -69,9 +70,13 @@ def read_initial_pose(
     if path == Path("-") or descriptor(path) == 0:
         raise InputError(f"{path}: found standard input, needed a file: the result records its name and hash")
     options = None if direction_option is None else FormatOptions(direction=direction)
-    found = read_extrinsic(path, None, options, direction_option=direction_option)
+    extrinsic = read_extrinsic(path, None, options, direction_option=direction_option)
     return InitialPose(
-        found.T_camera_lidar, name=str(path), source=path, direction=direction, record=found.record
+        extrinsic.T_camera_lidar,
+        name=str(path),
+        source=drive_file(path),
+        direction=direction,
+        record=extrinsic.record,
     )
 
 
@@ -98,10 +103,10 @@ class StartSettings:
         Raises:
             InputError: the file is not a transform, or the camera is too far from the LiDAR.
         """
-        found = self._read_start()
-        if found is not None:
-            found.check_distance(self.max_baseline_m)
-        return found
+        start = self._read_start()
+        if start is not None:
+            start.check_distance(self.max_baseline_m)
+        return start
 
     def _read_start(self) -> InitialPose | None:
         if self.init is None:
@@ -236,7 +241,7 @@ class RefinementSettings(StartSettings):
             check_torch("--estimator mine")
 
     def known_cues(self, cues: tuple[CueName, ...]) -> tuple[CueName, ...]:
-        """Give the cues to compare; MINE defaults to labels."""
+        """Return the cues to compare; MINE defaults to labels."""
         return LABELS if self.estimator == "mine" and cues == AUTO else cues
 
     @property
@@ -249,9 +254,9 @@ class RefinementSettings(StartSettings):
         jointly = AdjustmentConfig(self.intrinsics, with_delay=self.estimate_delay)
         if self.intrinsics_sigma is not None:
             focal_percent, center_px = self.intrinsics_sigma
-            if self.intrinsics and min(self.intrinsics_sigma) < LEAST_SIGMA:
+            if self.intrinsics and min(self.intrinsics_sigma) < MIN_SIGMA:
                 raise click.UsageError(
-                    f"--intrinsics-sigma: found {focal_percent:g} {center_px:g}, needed at least {LEAST_SIGMA:g} for "
+                    f"--intrinsics-sigma: found {focal_percent:g} {center_px:g}, needed at least {MIN_SIGMA:g} for "
                     "both with --refine-intrinsics."
                 )
             sigmas = 0.01 * focal_percent, center_px
@@ -276,28 +281,28 @@ class RefinementSettings(StartSettings):
         from semcal_cli.estimation.adjust.priors import EXACT, Prior
         from semcal_cli.geometry.poses import check_baseline, pose_from_mounting
 
-        found = []
+        priors = []
         if self.prior_translation_m is not None:
             *center_m, sigma_m = self.prior_translation_m
             T = pose_from_mounting((0.0, 0.0, 0.0), center_m)
             check_baseline("--prior-translation-m", T, self.max_baseline_m)
             name = _name("--prior-translation-m", self.prior_translation_m)
-            found.append(Prior(name, T, (sigma_m,) * 3 + (UNKNOWN,) * 3))
+            priors.append(Prior(name, T, (sigma_m,) * 3 + (UNKNOWN,) * 3))
         if self.prior_rotation_deg is not None:
             *rpy_deg, sigma_deg = self.prior_rotation_deg
             T = pose_from_mounting(rpy_deg, (0.0, 0.0, 0.0))
             name = _name("--prior-rotation-deg", self.prior_rotation_deg)
-            found.append(Prior(name, T, (UNKNOWN,) * 3 + (math.radians(sigma_deg),) * 3))
+            priors.append(Prior(name, T, (UNKNOWN,) * 3 + (math.radians(sigma_deg),) * 3))
         if self.fix is not None:
             assert self.initial_pose is not None  # by a rule
             kept = tuple(0.0 if axis in self.fix else UNKNOWN for axis in AXES)
-            found.append(Prior(f"--fix {','.join(self.fix)}", self.initial_pose.T_camera_lidar, kept))
-        if found and all(
-            min(sigmas) <= EXACT for sigmas in zip(*(prior.sigmas for prior in found), strict=True)
+            priors.append(Prior(f"--fix {','.join(self.fix)}", self.initial_pose.T_camera_lidar, kept))
+        if priors and all(
+            min(sigmas) <= EXACT for sigmas in zip(*(prior.sigmas for prior in priors), strict=True)
         ):
-            names = ", ".join(prior.name for prior in found)
+            names = ", ".join(prior.name for prior in priors)
             raise click.UsageError(f"{names}: found all six axes known exactly, needed one that is not")
-        return tuple(sorted(found, key=lambda prior: min(prior.sigmas) <= EXACT))
+        return tuple(sorted(priors, key=lambda prior: min(prior.sigmas) <= EXACT))
 
 
 def _name(option: str, values: tuple[float, ...]) -> str:

@@ -15,10 +15,11 @@ from semcal_cli.result.refined_camera import clock_sentence, intrinsic_texts, ke
 from semcal_cli.result.uncertainty import stated_error
 
 if TYPE_CHECKING:
+    from semcal_cli.estimation.search.mounting import Mounting
     from semcal_cli.geometry.poses import PoseError
-    from semcal_cli.result.calibration_document import Calibration
+    from semcal_cli.result.calibration_document import CalibrationDocument
     from semcal_cli.result.next_steps import Rows
-    from semcal_cli.result.sections import Hypothesis, Quality, Repeatability
+    from semcal_cli.result.sections import Quality, Repeatability
     from semcal_cli.result.uncertainty import Uncertainty
 
 COLUMNS = 80
@@ -27,7 +28,7 @@ WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "
 """What is said of a result that was not assessed."""
 
 
-def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[str]:
+def summary_lines(calibration: CalibrationDocument, *, verbose: bool = False) -> list[str]:
     """Describe a calibration as lines of text, up to where it is written.
 
     Args:
@@ -56,7 +57,7 @@ def pose_rows(T: Pose) -> Rows:
     ]
 
 
-def verdict_lines(calibration: Calibration) -> list[str]:
+def verdict_lines(calibration: CalibrationDocument) -> list[str]:
     """State the verdict, and how sure it is.
 
     A trusted pose is given with its widest 95 % intervals, and their size in pixels at 10 m.
@@ -70,8 +71,8 @@ def verdict_lines(calibration: Calibration) -> list[str]:
     return wrapped("verdict", verdict)
 
 
-def figures(calibration: Calibration) -> str:
-    """Say how many doubts there are about a calibration, or else its interval; empty if that is not known."""
+def figures(calibration: CalibrationDocument) -> str:
+    """Describe how many doubts there are about a calibration, or else its interval; empty if that is not known."""
     if calibration.status == "not_trusted":
         return counted(len(calibration.reasons), "doubt")
     known = calibration.believed_uncertainty
@@ -118,7 +119,7 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
     return rows
 
 
-def _camera_rows(calibration: Calibration) -> Rows:
+def _camera_rows(calibration: CalibrationDocument) -> Rows:
     """Describe the intrinsics and the clock that were estimated together with the pose."""
     lines = []
     if (camera := calibration.camera) is not None:
@@ -127,18 +128,22 @@ def _camera_rows(calibration: Calibration) -> Rows:
     return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock))]
 
 
-def _repeatability_rows(found: Repeatability | None) -> Rows:
-    if found is None or found.spread_camera_center_m is None or found.spread_rotation_deg is None:
+def _repeatability_rows(repeatability: Repeatability | None) -> Rows:
+    if (
+        repeatability is None
+        or repeatability.spread_camera_center_m is None
+        or repeatability.spread_rotation_deg is None
+    ):
         return []
-    center = [1000.0 * x for x in found.spread_camera_center_m]
+    center = [1000.0 * x for x in repeatability.spread_camera_center_m]
     return [
-        (f"{found.num_seeds} seeds", f"camera centre x y z    {row(center, 2)} mm"),
-        ("", f"rotation about them    {row(found.spread_rotation_deg, 4)} deg"),
+        (f"{repeatability.num_seeds} seeds", f"camera centre x y z    {row(center, 2)} mm"),
+        ("", f"rotation about them    {row(repeatability.spread_rotation_deg, 4)} deg"),
         ("", "standard deviations"),
     ]
 
 
-def hypothesis_lines(hypotheses: Sequence[Hypothesis], *, verbose: bool = False) -> list[str]:
+def hypothesis_lines(hypotheses: Sequence[Mounting], *, verbose: bool = False) -> list[str]:
     """List the hypotheses of the initial calibration, best first.
 
     Args:
@@ -161,13 +166,13 @@ def hypothesis_lines(hypotheses: Sequence[Hypothesis], *, verbose: bool = False)
     ]
 
 
-def _figures_beside(best: Hypothesis, other: Hypothesis) -> str:
+def _figures_beside(best: Mounting, other: Mounting) -> str:
     if other is best:
         return f"{'-':>14}{'-':>18}"
     return f"{other.rotation_from_best_deg:10.1f} deg{best.margin(other):12.1f} sigma"
 
 
-def _expert_figures(hypothesis: Hypothesis) -> str:
+def _expert_figures(hypothesis: Mounting) -> str:
     sigma = float("inf") if hypothesis.sigma_nats is None else hypothesis.sigma_nats
     information = f"{hypothesis.mutual_information_nats:.4f} +- {sigma:.4f}"
     return f"{information:>20}{_count(hypothesis.num_pairs)}{_count(hypothesis.num_inliers)}"

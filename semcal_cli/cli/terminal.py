@@ -116,10 +116,10 @@ def live_lines(console: Console, lines: Callable[[], Sequence[Text]]) -> Iterato
         return
 
     def shown() -> Text:
-        found = lines()
-        for line in found:
+        texts = lines()
+        for line in texts:
             line.truncate(console.width, overflow="ellipsis")
-        return Text("\n").join(found)
+        return Text("\n").join(texts)
 
     with Live(get_renderable=shown, console=console, refresh_per_second=REFRESHES_PER_S, transient=True):
         yield
@@ -132,7 +132,7 @@ def running_lines(pace: Pace) -> list[Text]:
 
 
 def time_left(pace: Pace) -> str:
-    """Say about how long the rest takes; empty while nothing is known or nothing is left."""
+    """Describe about how long the rest takes; empty while nothing is known or nothing is left."""
     left_s = pace.left_s()
     if left_s is None or pace.num_left == 0:
         return ""

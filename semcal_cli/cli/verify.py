@@ -111,25 +111,31 @@ def verify(settings: VerifySettings) -> None:
     with errors_reported("verify", subject, settings.junit, [settings.drive, settings.calibration]):
         pose, config = settings.initial_pose, settings.config
         with loaded_drive(settings, config, outputs, pose, as_result_sees=True) as (data, terminal):
-            found = check(data, pose, settings.limits, config, terminal.on_event)
+            verification = check(data, pose, settings.limits, config, terminal.on_event)
             if outputs.is_illustrated:
-                _illustrate(found, data, pose, outputs, terminal)
-    cases = [Case.of_check(check) for check in found.checks]
+                _illustrate(verification, data, pose, outputs, terminal)
+    cases = [Case.of_check(check) for check in verification.checks]
     seconds = perf_counter() - start
-    report = CiReport("verify", subject, found.verdict, cases, found.reasons, seconds, settings.inconclusive)
+    report = CiReport(
+        "verify", subject, verification.verdict, cases, verification.reasons, seconds, settings.inconclusive
+    )
     if settings.junit is not None:
         write_text(report.junit(), settings.junit)
     if settings.as_json:
-        document = asdict(found) | {"T_camera_lidar": found.T_camera_lidar.tolist()}
+        document = asdict(verification) | {"T_camera_lidar": verification.T_camera_lidar.tolist()}
         click.echo(json.dumps(document, allow_nan=False))
     else:
-        _print(found)
+        _print(verification)
     report.tell_github()
     sys.exit(report.exit_code)
 
 
 def _illustrate(
-    found: Verification, data: LoadedDrive, initial_pose: InitialPose, outputs: Outputs, terminal: Terminal
+    verification: Verification,
+    data: LoadedDrive,
+    initial_pose: InitialPose,
+    outputs: Outputs,
+    terminal: Terminal,
 ) -> None:
     """Write the page and the images of a verification, if requested."""
     from semcal_cli.events import Progress
@@ -137,33 +143,35 @@ def _illustrate(
 
     if outputs.page is not None:
         terminal.on_event(Progress("drawing points on images"))
-        write_verification(found, data, initial_pose, outputs.page)
+        write_verification(verification, data, initial_pose, outputs.page)
         terminal.print_paths("report", [outputs.page])
     if outputs.images is not None:
-        overlays = both_overlays(found, data, initial_pose)
+        overlays = both_overlays(verification, data, initial_pose)
         terminal.print_paths("image", overlays.write_all(outputs.images))
 
 
-def _print(found: Verification) -> None:
+def _print(verification: Verification) -> None:
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.pipeline.verdict import overall_offsets
 
-    for check in found.checks:
+    for check in verification.checks:
         click.echo(_check_line(check))
-    for sentence in (*found.reasons, *found.notes, found.sentence):
+    for sentence in (*verification.reasons, *verification.notes, verification.sentence):
         for line in wrapped("", sentence, indent=0):
             click.echo(line)
-    num = len(found.reasons)
+    num = len(verification.reasons)
     decisive = (
-        f"{num} reason{'s' * (num > 1)}, see above" if found.is_reasoned else overall_offsets(found.checks)[0]
+        f"{num} reason{'s' * (num > 1)}, see above"
+        if verification.is_reasoned
+        else overall_offsets(verification.checks)[0]
     )
     console = make_console(stderr=False)
-    console.print(f"{found.verdict}: {decisive}", style=COLORS[found.verdict], markup=False)
+    console.print(f"{verification.verdict}: {decisive}", style=COLORS[verification.verdict], markup=False)
 
 
 def _check_line(check: AxisVerdict) -> str:
     half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
     offset = round(check.offset, 4) + 0.0  # no -0.0000
-    found = f"{offset:.4f} {half:<12}" if check.has_estimate else "not determined"
-    return f"{check.name:<21}{found:>23} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"
+    text = f"{offset:.4f} {half:<12}" if check.has_estimate else "not determined"
+    return f"{check.name:<21}{text:>23} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"

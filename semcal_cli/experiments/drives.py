@@ -17,7 +17,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline import assess, make_calibration, refine_and_polish
 from semcal_cli.pipeline.stages import Stages
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.synthetic.synthesis import synthesize
 
 NUM_FRAMES = 20
@@ -26,7 +26,7 @@ NUM_FRAMES = 20
 
 def calibrate_from(
     initial: StageResult, data: LoadedDrive, config: RefinementConfig
-) -> tuple[Stages, Calibration]:
+) -> tuple[Stages, CalibrationDocument]:
     """Do what `calibrate` does after its initial calibration.
 
     The pose of the stages is the one that was found; that of the calibration is the nearest rigid one.

@@ -28,7 +28,7 @@ from semcal_cli.files.validation import (
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import orthonormal
-from semcal_cli.result.calibration_document import Calibration, check_forms
+from semcal_cli.result.calibration_document import CalibrationDocument, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
 
 CALIBRATION, DRIVE, TRANSFORM = "semcal_calibration", "semcal_drive", "semcal_transform"
@@ -81,11 +81,11 @@ class Extrinsic:
     source: Source
 
     @cached_property
-    def record(self) -> Calibration | None:
+    def record(self) -> CalibrationDocument | None:
         """The calibration that semcal wrote with the transform; None if the file is not a calibration."""
         if CALIBRATION not in self.source.mapping:
             return None
-        return validate(Calibration, self.source.document, self.source.path)
+        return validate(CalibrationDocument, self.source.document, self.source.path)
 
     @cached_property
     def half_widths(self) -> tuple[float, ...] | None:
@@ -111,7 +111,7 @@ class Extrinsic:
 
 def _read(source: Source, options: FormatOptions) -> Pose:
     if CALIBRATION in source.mapping:
-        return validate(Calibration, source.document, source.path).pose
+        return validate(CalibrationDocument, source.document, source.path).pose
     if DRIVE in source.mapping:
         drive = validate(Drive, source.document, source.path)
         if drive.T_camera_lidar is None:

@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 
 from pydantic_core import to_jsonable_python
@@ -27,7 +26,6 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.drive.camera import check_intrinsics
-from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError, about
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
 from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
@@ -37,7 +35,8 @@ from semcal_cli.estimation.refine.polish import Polish, polish_pose
 from semcal_cli.estimation.refine.pyramid import Level, Refinement, refine_pose
 from semcal_cli.estimation.refine.several_starts import pyramid_of
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.estimation.search.mounting_search import GIVEN, Initialization, as_given, search_mountings
+from semcal_cli.estimation.search.mounting import Mounting
+from semcal_cli.estimation.search.mounting_search import GIVEN, Initialization, search_mountings, unsearched
 from semcal_cli.estimation.search.start_by_motion import needed_start, start_by_motion
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.estimation.uncertainty.motion_error import covariance_of_motion
@@ -47,57 +46,56 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import files_of, recorded_options
 from semcal_cli.observations.loading import LoadedDrive, load
-from semcal_cli.observations.motion import can_be_unrolled, twists_per_s
+from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline.assessment import assess as assess, compare_motion
-from semcal_cli.pipeline.mountings import decide_in_full
+from semcal_cli.pipeline.mountings import resolve_mountings
 from semcal_cli.pipeline.stages import Stages
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.provenance import describe_input, versions
-from semcal_cli.result.sections import Settings
+from semcal_cli.result.sections import Hypothesis, Settings
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Error that a hypothesis of the initial calibration may have when it is compared with priors, degrees and metres."""
 
 
 def calibrate(
-    drive: LoadedDrive | Drive | Path | str,
+    data: LoadedDrive,
     config: CalibrationConfig | None = None,
     *,
     initial_pose: InitialPose | None = None,
     priors: Sequence[Prior] = (),
-    relative_to: Path = Path(),
     on_event: Listener = ignore,
-    hashes: dict[str, str] | None = None,
-) -> Calibration:
+) -> CalibrationDocument:
     """Calibrate the camera and the LiDAR of a drive.
 
     Args:
-        drive: A drive, its folder, its drive.yaml, or the result of `load` with the same settings.
+        data: The drive, as `load` returns it with the same settings.
         config: All settings; the defaults if not given.
         initial_pose: Pose to search around or to start from; see `initialize`.
         priors: Known axes of the pose.
-        relative_to: Folder of the result, which names the drive relative to it.
         on_event: Called with each event.
-        hashes: SHA-256 by the real paths of files; missing ones are added.
+
+    Returns:
+        The calibration, without the hashes of its files: `result.provenance.with_provenance` adds them.
 
     Raises:
-        InputError: the drive or one of its files is missing or wrong.
+        InputError: a setting is out of range, or the drive was loaded by other cues or does not allow a setting.
         CalibrationError: the data give no answer.
     """
     config = CalibrationConfig() if config is None else config
-    data = load(drive, config, on_event)
-    _check_beside_pose(data, config.refinement, priors)
+    data = load(data, config)
+    _check_options(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
-    stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event, others=given)
+    stages = refine_and_polish(
+        data, initial, config.refinement, config.seed, priors, on_event, candidates=given
+    )
     stages = assess(data, stages, config.refinement, on_event)
     stages = compare_motion(data, stages, on_event)
     if config.num_seeds > 1:
         stages = repeat(data, stages, config, initial_pose, priors, on_event)
-    return make_calibration(
-        data, stages, config, initial_pose=initial_pose, relative_to=relative_to, hashes=hashes
-    )
+    return make_calibration(data, stages, config, initial_pose=initial_pose)
 
 
 def initialize(
@@ -134,7 +132,7 @@ def initialize(
 
     search = partial(search_mountings, data.searched_by, config, seed, T_given, is_possible)
     if T_given is not None and not is_searched and data.policy.needs_near_start:
-        search = partial(as_given, data.observations, T_given, config)
+        search = partial(unsearched, data.observations, T_given, config)
     doing = "searching all mounting directions"
     if initial_pose is not None:
         doing = f"{'searching around' if is_searched else 'starting at'} {initial_pose.name}"
@@ -167,7 +165,7 @@ def refine_and_polish(
     on_event: Listener = ignore,
     *,
     from_afar: bool = False,
-    others: Sequence[Pose] = (),
+    candidates: Sequence[Pose] = (),
 ) -> Stages:
     """Refine and polish the initial pose, then fuse it with priors, or estimate intrinsics and the clock with it.
 
@@ -184,22 +182,22 @@ def refine_and_polish(
             features or a missing polish exclude the estimate.
         CalibrationError: as `refine`.
     """
-    _check_beside_pose(data, config, priors)
-    again = partial(refine, config=config, seed=seed, priors=priors)
+    _check_options(data, config, priors)
+    refine_from = partial(refine, config=config, seed=seed, priors=priors)
     T_initial = initial.T_camera_lidar
-    refined = again(data, T_initial, on_event=on_event, from_afar=from_afar, others=others)
+    refined = refine_from(data, T_initial, on_event=on_event, from_afar=from_afar, candidates=candidates)
     of_search = check_mountings(initial) if isinstance(initial, Initialization) else ()
     if data.observations.is_multimodal and isinstance(initial, Initialization) and of_search:
-        initial, refined, is_clear = decide_in_full(
-            data, initial, refined, partial(again, data), seed, on_event
+        initial, refined, is_clear = resolve_mountings(
+            data, initial, refined, partial(refine_from, data), seed, on_event
         )
         of_search = () if is_clear else of_search
-    seen = data
-    if can_be_unrolled(data.observations):
-        lines = data.unrolled(refined.T_camera_lidar)
-        refined = again(lines, refined.T_camera_lidar, on_event=on_event)
+    seen = data.unrolled(refined.T_camera_lidar)
+    if seen is not data:
+        refined = refine_from(seen, refined.T_camera_lidar, on_event=on_event)
+        # A point may lie on another row at the new pose.
         seen = data.unrolled(refined.T_camera_lidar)
-    found = Stages.from_refined(
+    stages = Stages.from_refined(
         data,
         initial,
         refined,
@@ -207,22 +205,28 @@ def refine_and_polish(
         max_baseline_m=data.observations.max_baseline_m,
         of_search=of_search,
     )
-    if seen is not data:
-        found = replace(found, unrolled=seen.observations)
+    stages = replace(stages, unrolled=None if seen is data else seen.observations)
+    return _finish(seen, stages, config, priors, on_event)
+
+
+def _finish(
+    seen: LoadedDrive, stages: Stages, config: RefinementConfig, priors: Sequence[Prior], on_event: Listener
+) -> Stages:
+    """Polish a refined pose, then estimate intrinsics and the clock with it, or fuse it with priors, if requested."""
     if not _is_polished(seen.observations, config):
-        return found
-    polished = polish(seen, refined.T_camera_lidar, config, on_event)
-    found, T_polished = replace(found, polished=polished), polished.T_camera_lidar
+        return stages
+    polished = polish(seen, stages.T_camera_lidar, config, on_event)
+    stages, T_polished = replace(stages, polished=polished), polished.T_camera_lidar
     if not config.jointly.is_empty:
-        return replace(found, joint=estimate_jointly(seen, T_polished, config, on_event))
-    return replace(found, fused=fuse(seen, T_polished, config, priors, on_event)) if priors else found
+        return replace(stages, joint=estimate_jointly(seen, T_polished, config, on_event))
+    return replace(stages, fused=fuse(seen, T_polished, config, priors, on_event)) if priors else stages
 
 
 def _is_polished(observations: Observations, config: RefinementConfig) -> bool:
     return config.is_polished and not observations.has_vectors
 
 
-def _check_beside_pose(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior]) -> None:
+def _check_options(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior]) -> None:
     """Check that priors, intrinsics and the clock are compatible with the drive and the polish."""
     path, jointly, is_polished = data.drive.path, config.jointly, _is_polished(data.observations, config)
     if priors and not is_polished:
@@ -252,7 +256,7 @@ def refine(
     on_event: Listener = ignore,
     *,
     from_afar: bool = False,
-    others: Sequence[Pose] = (),
+    candidates: Sequence[Pose] = (),
 ) -> Refinement:
     """Ascend the mutual information from a pose (Alg. 1).
 
@@ -264,7 +268,7 @@ def refine(
         priors: Known axes, to which the pose is clamped.
         on_event: Called with each event.
         from_afar: Whether the start may be off by up to 20 degrees.
-        others: (4, 4) poses that remain candidates besides the start, if several starts are refined.
+        candidates: (4, 4) poses to compare besides those found from the start, if several starts are refined.
 
     Raises:
         InputError: the exact estimator is requested with features, or the device does not exist.
@@ -280,14 +284,14 @@ def refine(
         on_event(Progress(f"refining: {level.factor}-pixel blocks done, {movement(moved)}"))
 
     def ascend() -> Refinement:
-        estimator, settings = make_estimator(observations, config, seed, on_event, others)
+        estimator, settings = make_estimator(observations, config, seed, on_event, candidates)
         with about(data.drive.path):
-            found = refine_pose(
+            refined = refine_pose(
                 observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
             )
-        settings = {"refinement": {**found.settings, **settings}}
+        settings = {"refinement": {**refined.settings, **settings}}
         known = {"priors": [prior.describe() for prior in priors]} if priors else {}
-        return replace(found, details=f"{config.estimator}, {found.details}", settings=settings | known)
+        return replace(refined, details=f"{config.estimator}, {refined.details}", settings=settings | known)
 
     return announced("refined", "refining", ascend, on_event, T_init)
 
@@ -340,7 +344,7 @@ def repeat(
 ) -> Stages:
     """Calibrate with the next seeds, and compare the poses."""
     start = perf_counter()
-    others: list[Pose | None] = []
+    poses: list[Pose | None] = []
     given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     for seed in range(config.seed + 1, config.seed + config.num_seeds):
         on_event(Progress(f"repeating with seed {seed}"))
@@ -348,12 +352,12 @@ def repeat(
             initial = stages.searched
             if initial is None or initial.by_motion is None:
                 initial = initialize(data, config.initialization, seed, initial_pose, priors)
-            found = refine_and_polish(data, initial, config.refinement, seed, priors, others=given)
-            others.append(found.T_camera_lidar)
+            again = refine_and_polish(data, initial, config.refinement, seed, priors, candidates=given)
+            poses.append(again.T_camera_lidar)
         except CalibrationError:
-            others.append(None)
+            poses.append(None)
     of_motion = None if stages.assessment is None else stages.assessment.of_motion
-    repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty, of_motion)
+    repeatability, findings = compare_seeds(stages.T_camera_lidar, poses, stages.uncertainty, of_motion)
     count = len(findings)
     doubts = {0: "the pose is the same", 1: "1 more doubt"}.get(count, f"{count} more doubts")
     note = f"{config.num_seeds} seeds compared, {doubts}"
@@ -367,21 +371,17 @@ def make_calibration(
     config: CalibrationConfig,
     *,
     initial_pose: InitialPose | None = None,
-    relative_to: Path = Path(),
-    hashes: dict[str, str] | None = None,
-) -> Calibration:
-    """Make the calibration from the last pose; arguments are those of `calibrate`.
+) -> CalibrationDocument:
+    """Make the calibration from the last pose, without the hashes of its files; arguments are those of `calibrate`.
 
     It is trusted if it was assessed and nothing speaks against it.
 
     Raises:
-        InputError: a file of the drive cannot be read.
         CalibrationError: the pose is not finite or not rigid.
     """
     findings, assessment, joint = stages.findings, stages.assessment, stages.joint
     options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
-    source = None if initial_pose is None else initial_pose.source
-    if initial_pose is not None and source is None:
+    if initial_pose is not None and initial_pose.source is None:
         options["given"] = initial_pose.name
     if initial_pose is not None and initial_pose.direction is not None:
         options["init_direction"] = initial_pose.direction
@@ -389,7 +389,7 @@ def make_calibration(
     if stages.repeatability is not None:
         options["num_seeds"] = stages.repeatability.num_seeds
     settings = {"options": to_jsonable_python(options), "seed": config.seed, "versions": versions()}
-    return Calibration.from_pose(
+    return CalibrationDocument.from_pose(
         stages.T_camera_lidar,
         status="not_trusted" if findings else "not_assessed" if assessment is None else "trusted",
         reasons=tuple(finding.sentence for finding in findings),
@@ -403,7 +403,12 @@ def make_calibration(
         camera=None if joint is None else joint.camera,
         clock=None if joint is None else joint.clock,
         polish=None if stages.polished is None else stages.polished.held_out,
-        hypotheses=() if stages.searched is None else stages.searched.hypotheses,
-        input=describe_input(data.drive, source, relative_to, files_of(data.cues), hashes),
+        hypotheses=() if stages.searched is None else tuple(map(_hypothesis, stages.searched.hypotheses)),
+        input=describe_input(data.drive, files_of(data.cues)),
         settings=Settings.model_validate(settings),
     )
+
+
+def _hypothesis(mounting: Mounting) -> Hypothesis:
+    """Convert a mounting to the section of the result."""
+    return Hypothesis(**vars(mounting) | {"T_camera_lidar": mounting.T_camera_lidar.tolist()})

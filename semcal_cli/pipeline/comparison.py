@@ -64,7 +64,7 @@ class Comparison:
 
 
 def describe_cameras(a: Extrinsic, b: Extrinsic) -> str | None:
-    """Say how the cameras of two transforms differ if either was estimated; None if there is nothing to say."""
+    """Describe how the cameras of two transforms differ if either was estimated; None if they do not."""
     has_found = any(each.record is not None and each.record.has_found_camera for each in (a, b))
     if a.camera is None or b.camera is None or not has_found:
         return None

@@ -1,45 +1,20 @@
-"""A given pose: the forms in which a program may give it, its refinement, and its assessment alone."""
+"""A given pose: its refinement, and its assessment alone."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-
-import numpy.typing as npt
 
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.adjust.priors import Prior
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.events import Listener, ignore
-from semcal_cli.formats import read_extrinsic
-from semcal_cli.geometry.poses import as_transform
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.assessment import assess
 from semcal_cli.pipeline.calibration import make_calibration, polish, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
-from semcal_cli.result.calibration_document import Calibration
-
-
-def as_initial_pose(transform: InitialPose | Calibration | Path | str | npt.ArrayLike) -> InitialPose:
-    """Convert a pose from any form in which a program may give it.
-
-    Args:
-        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
-            known format.
-
-    Raises:
-        InputError: it is not a rigid transform, or the file is wrong.
-    """
-    if isinstance(transform, InitialPose):
-        return transform
-    if isinstance(transform, Calibration):
-        return InitialPose(transform.T_camera_lidar, "calibration", record=transform)
-    if isinstance(transform, Path | str):
-        found = read_extrinsic(transform)
-        return InitialPose(found.T_camera_lidar, str(transform), Path(transform), record=found.record)
-    return InitialPose(as_transform(transform, "transform"), "transform")
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 
 def refine_given(
@@ -48,8 +23,7 @@ def refine_given(
     config: CalibrationConfig,
     priors: Sequence[Prior] = (),
     on_event: Listener = ignore,
-    relative_to: Path = Path(),
-) -> Calibration:
+) -> CalibrationDocument:
     """Refine, polish and assess a given pose, without a search; these stages raise the errors.
 
     Args:
@@ -58,12 +32,11 @@ def refine_given(
         config: All settings.
         priors: Known axes of the pose.
         on_event: Called with each event.
-        relative_to: Folder of the result, which names the drive relative to it.
     """
     initial, refinement = start_at(data, start, on_event), config.refinement
     stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)
     stages = assess(data, stages, refinement, on_event)
-    return make_calibration(data, stages, config, initial_pose=start, relative_to=relative_to)
+    return make_calibration(data, stages, config, initial_pose=start)
 
 
 def assess_given(
@@ -71,8 +44,7 @@ def assess_given(
     given: InitialPose,
     config: CalibrationConfig,
     on_event: Listener = ignore,
-    relative_to: Path = Path(),
-) -> Calibration:
+) -> CalibrationDocument:
     """Polish a given pose that is right to about a pixel, and assess it: an interval belongs to a maximum.
 
     Arguments are those of `refine_given`.
@@ -94,4 +66,4 @@ def assess_given(
         unrolled=None if seen is data else seen.observations,
     )
     stages = assess(data, stages, refinement, on_event)
-    return make_calibration(data, stages, config, initial_pose=given, relative_to=relative_to)
+    return make_calibration(data, stages, config, initial_pose=given)

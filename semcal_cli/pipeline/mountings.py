@@ -13,14 +13,14 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
-from semcal_cli.estimation.search.mounting_search import Initialization, led_by
+from semcal_cli.estimation.search.mounting_search import Initialization, with_best
 from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.events import Listener, Progress
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 
 
-def decide_in_full(
+def resolve_mountings(
     data: LoadedDrive,
     initial: Initialization,
     refined: Refinement,
@@ -42,7 +42,7 @@ def decide_in_full(
         on_event: Called with what is compared.
 
     Returns:
-        The search, led by the mounting that is taken, that one refined, and whether it is clear.
+        The search with the mounting that is taken as its best, that one refined, and whether it is clear.
     """
     observations, starts = data.observations, data.observations.starts
     assert starts is not None
@@ -59,14 +59,16 @@ def decide_in_full(
         # A mounting in which sweeps and images do not overlap is none.
         with suppress(CalibrationError):
             several = SeveralStarts(observations, ExactConfig(), seed, starts)
-            T_coarse = newton(observations, several.coarse_maximum(rival.pose), PolishConfig()).T_camera_lidar
+            T_coarse = newton(
+                observations, several.coarse_maximum(rival.T_camera_lidar), PolishConfig()
+            ).T_camera_lidar
             if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
                 continue
-            found = refine(rival.pose)
-            (behind,) = sigmas_behind(observations, refined.T_camera_lidar, [found.T_camera_lidar])
+            of_rival = refine(rival.T_camera_lidar)
+            (behind,) = sigmas_behind(observations, refined.T_camera_lidar, [of_rival.T_camera_lidar])
             if behind < 0.0:
-                taken, refined = rival, found
+                taken, refined = rival, of_rival
             is_clear &= abs(behind) >= least
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
-    return led_by(initial, taken, data.searched_by), refined, is_clear
+    return with_best(initial, taken, data.searched_by), refined, is_clear

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 
 from semcal_cli import core
 from semcal_cli.checks.other_mounting import check_runner_up
@@ -20,13 +19,8 @@ from semcal_cli.config.paper_config import PaperConfig
 from semcal_cli.errors import check_torch, torch_import
 from semcal_cli.estimation.refine.pyramid import Refinement, refine_pose
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.estimation.search.mounting_search import (
-    Initialization,
-    describe,
-    recorded,
-    runner_up,
-    seen_from,
-)
+from semcal_cli.estimation.search.mounting import describe, measured_from, runner_up
+from semcal_cli.estimation.search.mounting_search import Initialization, recorded
 from semcal_cli.estimation.search.registration import Candidate, register
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.events import Listener, ignore
@@ -36,7 +30,7 @@ from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import make_calibration, start_at
 from semcal_cli.pipeline.stages import Stages
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 
 def calibrate_as_published(
@@ -45,10 +39,8 @@ def calibrate_as_published(
     paper: PaperConfig,
     *,
     initial_pose: InitialPose | None = None,
-    relative_to: Path = Path(),
     on_event: Listener = ignore,
-    hashes: dict[str, str] | None = None,
-) -> Calibration:
+) -> CalibrationDocument:
     """Calibrate with the paper's method; arguments and errors are those of `pipeline.calibrate`.
 
     The drive is loaded with `config.is_raw`. An initial pose replaces Alg. 2. The result has no uncertainty; it is not
@@ -65,11 +57,11 @@ def calibrate_as_published(
     T_init, device = initial.T_camera_lidar, config.refinement.device
 
     def ascend() -> Refinement:
-        found = refine(observations, T_init, paper, config.seed, device)
-        details = f"mine, {found.details}, bound {found.bound_nats:.4f} nats"
+        refinement = refine(observations, T_init, paper, config.seed, device)
+        details = f"mine, {refinement.details}, bound {refinement.bound_nats:.4f} nats"
         mine = asdict(paper.mine) | observations.without_edge_band.shared_settings
-        settings = {**found.settings, "paper": {"mine": mine, "device": device}}
-        return replace(found, details=details, settings=settings)
+        settings = {**refinement.settings, "paper": {"mine": mine, "device": device}}
+        return replace(refinement, details=details, settings=settings)
 
     refined = announced("refined", "ascending the bound", ascend, on_event, T_init)
     of_comparison: tuple[Finding, ...] = ()
@@ -83,9 +75,7 @@ def calibrate_as_published(
         max_baseline_m=observations.max_baseline_m,
         of_comparison=of_comparison,
     )
-    return make_calibration(
-        data, stages, config, initial_pose=initial_pose, relative_to=relative_to, hashes=hashes
-    )
+    return make_calibration(data, stages, config, initial_pose=initial_pose)
 
 
 def initialize(observations: Observations, paper: PaperConfig, seed: int) -> list[Candidate]:
@@ -145,7 +135,7 @@ def _compared(
     """
     best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
     ranked = sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
-    other = runner_up(seen_from(ranked, refined.T_camera_lidar), paper.initialization.runner_up_deg)
+    other = runner_up(measured_from(refined.T_camera_lidar, ranked), paper.initialization.runner_up_deg)
     if other is not None:
         initial = replace(initial, runner_up_margin=best.margin(other), runner_up=other)
     return initial, check_runner_up(best, other)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.checks.own_drive import check_own_drive
 from semcal_cli.config import (
@@ -18,7 +16,7 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.config.setting import check_settings
-from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.estimation.adjust.joint import DELAY_NOT_DETERMINED
 from semcal_cli.estimation.search.initial_pose import InitialPose
@@ -35,11 +33,9 @@ from semcal_cli.geometry.poses import (
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
-from semcal_cli.pipeline.from_transform import as_initial_pose
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.pipeline.verdict import CLOCK, AxisVerdict, Verdict, judge, judge_clock, together
 from semcal_cli.result.applied import apply_result, cues_applied
-from semcal_cli.result.calibration_document import Calibration
 
 NEAR_DEG, NEAR_M = 5.0, 0.5
 """Rotation and distance between transform and estimate beyond which all mounting directions are searched."""
@@ -100,8 +96,8 @@ class Verification:
 
 
 def verify(
-    drive: LoadedDrive | Drive | Path | str,
-    transform: InitialPose | Calibration | Path | str | npt.ArrayLike,
+    data: LoadedDrive,
+    stated: InitialPose,
     limits: Limits | None = None,
     config: CalibrationConfig | None = None,
     on_event: Listener = ignore,
@@ -115,35 +111,22 @@ def verify(
     If the offset of the clock is limited, it is estimated together with the pose; if this estimate is kept, the pose
     is the joint one.
 
-    Intrinsics and a clock that a calibration estimated together with its transform replace the drive's. A loaded drive
-    is then loaded again.
-
     Args:
-        drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`.
-        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
-            known format.
+        data: The drive, as `load_as_stated` returns it.
+        stated: The transform.
         limits: Largest allowed errors; None takes the defaults.
-        config: Seed, cues, number of frames, `refinement.max_baseline_m` and `refinement.edge_band_px`; None takes the
-            defaults. The cues `auto` are those that the calibration of the transform compared, as far as the drive
-            allows them.
+        config: Seed and cues; None takes the defaults.
         on_event: Called with each event of the run.
 
     Raises:
-        InputError: the drive, one of its files or the transform is wrong, or the offset of the clock is limited and the
-            drive gives no direction of its motion.
+        InputError: a limit or a setting is out of range, or the offset of the clock is limited and the drive gives no
+            direction of its motion.
         CalibrationError: the drive cannot be calibrated at all.
     """
     config = CalibrationConfig() if config is None else config
     limits = Limits() if limits is None else limits
-    if not isinstance(limits, Limits):
-        raise InputError(f"limits: found {limits!r}, needed Limits")
-    check_settings(limits)
-    stated = as_initial_pose(transform)
-    seen = _as_result_sees(drive, stated)
-    seen = seen if isinstance(seen, LoadedDrive | Drive) else read_drive(seen)
-    if isinstance(seen, Drive):
-        config = replace(config, cues=cues_applied(stated.record, config.cues, seen))
-    data = load(seen, config, on_event)
+    check_limits(limits)
+    data = load(data, config)
     if limits.delay_s is not None and twists_per_s(data.observations) is None:
         raise InputError(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
@@ -154,17 +137,40 @@ def verify(
     return _judged(data, stated, stages, limits)
 
 
-def _as_result_sees(
-    drive: LoadedDrive | Drive | Path | str, stated: InitialPose
-) -> LoadedDrive | Drive | Path | str:
-    """Give a drive the camera and the clock of a result; a loaded drive is returned if that changes nothing."""
-    if stated.record is None:
-        return drive
-    if isinstance(drive, LoadedDrive):
-        applied = apply_result(stated.record, drive.drive, stated.name).drive
-        return drive if applied == drive.drive else applied
-    document = drive if isinstance(drive, Drive) else read_drive(drive)
-    return apply_result(stated.record, document, stated.name).drive
+def check_limits(limits: Limits) -> None:
+    """Check the limits of a verification.
+
+    Raises:
+        InputError: they are no limits, or one is out of range.
+    """
+    if not isinstance(limits, Limits):
+        raise InputError(f"limits: found {limits!r}, needed Limits")
+    check_settings(limits)
+
+
+def load_as_stated(
+    drive: LoadedDrive | Drive,
+    stated: InitialPose,
+    config: CalibrationConfig | None = None,
+    on_event: Listener = ignore,
+) -> LoadedDrive:
+    """Load a drive to verify a transform on it.
+
+    Intrinsics and a clock that a calibration estimated together with its transform replace the drive's. The cues `auto`
+    are those that it compared, as far as the drive allows them. A loaded drive is loaded again only if its camera or
+    its clock changes.
+
+    Raises:
+        InputError: a file is missing or wrong, or a setting is out of range.
+        CalibrationError: one side's labels carry no information.
+    """
+    config = CalibrationConfig() if config is None else config
+    document = drive.drive if isinstance(drive, LoadedDrive) else drive
+    applied = apply_result(stated.record, document, stated.name).drive
+    if isinstance(drive, LoadedDrive) and applied == document:
+        return load(drive, config, on_event)
+    cues = cues_applied(stated.record, config.cues, applied)
+    return load(applied, replace(config, cues=cues), on_event)
 
 
 def _estimate(

@@ -23,8 +23,8 @@ from semcal_cli.observations.observations import Observations
 from semcal_cli.report.colors import first_coloring
 from semcal_cli.report.overlays import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, cues_applied, seen_as
-from semcal_cli.result.calibration_document import Calibration
-from semcal_cli.result.provenance import describe_input
+from semcal_cli.result.calibration_document import CalibrationDocument
+from semcal_cli.result.provenance import hash_input
 from semcal_cli.result.sections import InputFrame
 
 
@@ -46,7 +46,7 @@ class ReportInput:
     name: str
     """Name of the transform's file."""
     T_camera_lidar: Pose
-    record: Calibration | None
+    record: CalibrationDocument | None
     """Calibration that semcal wrote with the transform; None if the file holds nothing else."""
     before: Before | None
     """Another transform to compare with."""
@@ -107,7 +107,7 @@ def make_report_input(
     drive: Drive,
     name: str,
     T_camera_lidar: Pose,
-    record: Calibration | None,
+    record: CalibrationDocument | None,
     before: Before | None = None,
 ) -> ReportInput:
     """Read the frames that a transform was computed from, or else those that differ most.
@@ -116,7 +116,7 @@ def make_report_input(
         drive: Drive whose frames are shown.
         name: Name of the transform.
         T_camera_lidar: (4, 4).
-        record: Calibration that semcal wrote with the transform, if there is one.
+        record: CalibrationDocument that semcal wrote with the transform, if there is one.
         before: Transform to compare with; None takes the first stage of the record, if that is another pose.
 
     Raises:
@@ -155,7 +155,7 @@ def make_report_input(
     )
 
 
-def _with_settings(observations: Observations, record: Calibration | None) -> Observations:
+def _with_settings(observations: Observations, record: CalibrationDocument | None) -> Observations:
     """Use the maximum baseline and the edge band that a calibration records, unless it has none or they are wrong."""
     polish = None if record is None else record.settings.options.get("polish")
     known: dict[str, Any] = {}
@@ -167,7 +167,7 @@ def _with_settings(observations: Observations, record: Calibration | None) -> Ob
     return observations
 
 
-def _find_frames(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
+def _find_frames(drive: Drive, record: CalibrationDocument) -> tuple[Drive | None, list[str]]:
     """Find the frames that a calibration was computed from, if the drive has them, and name what has changed."""
     keys = [
         key
@@ -187,7 +187,7 @@ def _find_frames(drive: Drive, record: Calibration) -> tuple[Drive | None, list[
         drive.model_copy(update={"frames": tuple(frames.values())}),
         record.input.sha256,
     )
-    hashes = describe_input(used_drive, None, Path(), keys).sha256
+    hashes = hash_input(used_drive, keys)
     changed = {name for name, digest in hashes.items() if recorded_hashes.get(name, digest) != digest}
     if all(changed & set(filter(None, files_of_frame)) for files_of_frame in frames):
         notice = (

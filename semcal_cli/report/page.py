@@ -32,9 +32,9 @@ from semcal_cli.report.page_images import MAX_FRAMES, make_images
 from semcal_cli.report.points import View
 from semcal_cli.report.template import PageVerdict, link_reasons, render_page
 from semcal_cli.result.applied import apply_result, seen_as
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.next_steps import Rows, after_calibration
-from semcal_cli.result.provenance import describe_input, versions
+from semcal_cli.result.provenance import hash_input, versions
 from semcal_cli.result.refined_camera import intrinsic_texts
 from semcal_cli.result.sections import DrivePart
 from semcal_cli.result.uncertainty import CHECK_NAMES
@@ -73,7 +73,7 @@ def write_report(
     progress("writing the page")
     made_by, options, hashes = versions(), "", {}
     if record is None:
-        hashes = describe_input(report.drive, None, Path(), files_of(LABELS)).sha256
+        hashes = hash_input(report.drive, files_of(LABELS))
     else:
         made_by, hashes = record.settings.versions, record.input.sha256
         options = document_text(record.settings.options, "yaml")
@@ -145,7 +145,7 @@ def _parts(report: ReportInput) -> tuple[DrivePart, ...]:
     return parts if is_whole else ()
 
 
-def _reach_of_hypotheses(record: Calibration) -> tuple[float, float]:
+def _reach_of_hypotheses(record: CalibrationDocument) -> tuple[float, float]:
     """Return the range of the information of mountings minus its bias, with one standard error to either side."""
     hypotheses = [
         (hypothesis.mutual_information_nats - hypothesis.bias_nats, hypothesis.sigma_nats or 0.0)

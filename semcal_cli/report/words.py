@@ -14,7 +14,7 @@ from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
 from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.template import PageVerdict, link_reasons
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.refined_camera import clock_sentence, kept_sentence
 from semcal_cli.result.uncertainty import Uncertainty, figure, image_radius_px, stated_error
 
@@ -47,7 +47,7 @@ def verdict(report: ReportInput) -> PageVerdict:
     return verdict_of(record)
 
 
-def verdict_of(record: Calibration) -> PageVerdict:
+def verdict_of(record: CalibrationDocument) -> PageVerdict:
     """State whether the transform of a calibration may be used, and how good it is."""
     sentence = {
         "trusted": "No check found a problem.",
@@ -61,7 +61,7 @@ def verdict_of(record: Calibration) -> PageVerdict:
     return PageVerdict(record.status, TITLES[record.status], sentence, figures, reasons)
 
 
-def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
+def uncertainty_sentences(record: CalibrationDocument, camera: Camera) -> list[str]:
     """Describe how uncertain a pose is, and how far that moves points in the image."""
     if record.uncertainty is None:
         return [f"Its error is unknown: {_why_unknown(record)}."]
@@ -94,7 +94,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
     return [*sentences, *_of_seeds(record)]
 
 
-def _of_seeds(record: Calibration) -> list[str]:
+def _of_seeds(record: CalibrationDocument) -> list[str]:
     """Describe how far the poses of other seeds differ, if there are any."""
     repeatability = record.repeatability
     if repeatability is None:
@@ -105,7 +105,7 @@ def _of_seeds(record: Calibration) -> list[str]:
     return [f"The poses of {repeatability.num_seeds} seeds differ from it by up to {farthest}{failed}."]
 
 
-def _what_intervals_include(record: Calibration) -> str:
+def _what_intervals_include(record: CalibrationDocument) -> str:
     """Name the errors of K that are part of the intervals."""
     if record.camera is not None and record.camera.is_kept:
         return "K was estimated together with the pose, and the intervals include its uncertainty"
@@ -120,7 +120,7 @@ def _what_intervals_include(record: Calibration) -> str:
     )
 
 
-def camera_sentences(record: Calibration) -> list[str]:
+def camera_sentences(record: CalibrationDocument) -> list[str]:
     """State whether the intrinsics and the clock that were estimated are used; empty if none were."""
     sentences = []
     if record.camera is not None:
@@ -157,7 +157,7 @@ def frame_sentences(offsets: FrameOffsets, names: Sequence[str], num_parts: int)
     return sentences
 
 
-def runner_up_sentences(record: Calibration) -> list[str]:
+def runner_up_sentences(record: CalibrationDocument) -> list[str]:
     """State how much worse the best other mounting is; empty without another one."""
     margin = record.quality.runner_up_margin
     if margin is None:
@@ -169,7 +169,7 @@ def runner_up_sentences(record: Calibration) -> list[str]:
     ]
 
 
-def polish_sentences(record: Calibration) -> list[str]:
+def polish_sentences(record: CalibrationDocument) -> list[str]:
     """Describe what the polish gained on data that it did not use; empty if nothing was polished."""
     if record.polish is None:
         return []
@@ -184,7 +184,7 @@ def polish_sentences(record: Calibration) -> list[str]:
     return [f"The polish was {decision}: held-out data {outcome} ({gain})."]
 
 
-def _why_unknown(record: Calibration) -> str:
+def _why_unknown(record: CalibrationDocument) -> str:
     polish = record.polish
     if polish is None:
         return "the pose was not polished"
@@ -195,7 +195,7 @@ def _why_unknown(record: Calibration) -> str:
     return f"held-out data agree worse after the polish{by}, so the pose before it was kept"
 
 
-def _held_out(record: Calibration, sign: float) -> str:
+def _held_out(record: CalibrationDocument, sign: float) -> str:
     """Return the gain of the polish on held-out data with its standard error; empty if that is unknown."""
     assert record.polish is not None
     sigma = record.polish.held_out_sigma_nats

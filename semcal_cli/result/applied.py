@@ -14,7 +14,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.observations.cues.cue_table import cues_of_options, cues_with_files, policy_of
 from semcal_cli.observations.motion import delayed, twists_per_s
 from semcal_cli.observations.observations import Observations
-from semcal_cli.result.calibration_document import Calibration, with_estimates
+from semcal_cli.result.calibration_document import CalibrationDocument, with_estimates
 from semcal_cli.result.refined_camera import camera_differences, offset_words
 
 
@@ -31,8 +31,8 @@ class Applied(NamedTuple):
         return [f"The {label} is {line}." for label, line in self.changes]
 
 
-def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied:
-    """Give a drive the camera and the clock that a result estimated together with its transform.
+def apply_result(record: CalibrationDocument | None, drive: Drive, name: str) -> Applied:
+    """Return a drive with the camera and the clock that a result estimated together with its transform.
 
     An estimated camera with another lens or image size belongs to other images; the drive then keeps its own camera and
     clock. It also keeps both if the result estimated none, or did not keep them.
@@ -50,7 +50,11 @@ def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied
 
 
 def cues_applied(
-    record: Calibration | None, cues: tuple[CueName, ...], drive: Drive, *, with_features: bool = False
+    record: CalibrationDocument | None,
+    cues: tuple[CueName, ...],
+    drive: Drive,
+    *,
+    with_features: bool = False,
 ) -> tuple[CueName, ...]:
     """Replace the cues `auto` by those that a result compared, if the drive has their files.
 
@@ -67,8 +71,8 @@ def cues_applied(
     return AUTO if has_vectors and not with_features else cues_with_files(before, drive)
 
 
-def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:
-    """Say which camera is used if the result and the drive have different ones."""
+def _camera_line(record: CalibrationDocument, drive: Drive, name: str) -> str | None:
+    """Describe which camera is used if the result and the drive have different ones."""
     used, own = record.used_camera, drive.camera
     if not _is_of_same_images(used, own):
         kind = f"{used.model} of {used.width} x {used.height} pixels"
@@ -80,8 +84,8 @@ def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:
     return f"that of {whose}: {', '.join(differences)}" if differences else None
 
 
-def _clock_line(record: Calibration, drive: Drive, name: str) -> str | None:
-    """Say which clock is used if that of the result is known and differs from the drive's."""
+def _clock_line(record: CalibrationDocument, drive: Drive, name: str) -> str | None:
+    """Describe which clock is used if that of the result is known and differs from the drive's."""
     used_s, own_s = record.used_offset_s, drive.time_offset_s
     if drive.motion is None or used_s is None or used_s == own_s:
         return None
@@ -90,8 +94,8 @@ def _clock_line(record: Calibration, drive: Drive, name: str) -> str | None:
     return f"that of {drive.path}: {offset_words(own_s)} ({name}: {_in_ms(used_s)})"
 
 
-def as_begun(record: Calibration | None, drive: Drive) -> Drive:
-    """Give a drive the camera and the clock of a result before the joint estimate.
+def as_begun(record: CalibrationDocument | None, drive: Drive) -> Drive:
+    """Return a drive with the camera and the clock of a result before the joint estimate.
 
     The clock is that of the drive if the result does not state the one that it started with.
 
@@ -121,7 +125,7 @@ def seen_as(observations: Observations, own: Drive, other: Drive) -> Observation
     return delayed(observations, later_s) if later_s and twists_per_s(observations) else observations
 
 
-def _fits(record: Calibration, drive: Drive) -> bool:
+def _fits(record: CalibrationDocument, drive: Drive) -> bool:
     """Whether the camera that a result estimated, if it kept one, belongs to the drive's images."""
     return not record.has_found_camera or _is_of_same_images(record.used_camera, drive.camera)
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field, model_validator
+from typing_extensions import Self
 
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive
@@ -56,10 +57,10 @@ class Projection(NamedTuple):
     """(N,) whether the point lies on a pixel of the image; nearer points may hide it."""
 
 
-class Calibration(StrictModel):
+class CalibrationDocument(StrictModel):
     """Transform between a LiDAR and a camera, with its uncertainty and quality."""
 
-    model_config = ConfigDict(serialize_by_alias=True)
+    model_config = ConfigDict(serialize_by_alias=True, title="Calibration")
 
     semcal_calibration: Version
     """Version of this format."""
@@ -104,7 +105,7 @@ class Calibration(StrictModel):
     """Settings that affect the result."""
 
     @model_validator(mode="after")
-    def _check_agreement(self) -> "Calibration":
+    def _check_agreement(self) -> "CalibrationDocument":
         if self.topics and len(self.topics) != len(self.reasons):
             raise mismatch(
                 f"topics: {len(self.topics)} of them", f"one for each of {len(self.reasons)} reasons"
@@ -210,12 +211,12 @@ class Calibration(StrictModel):
         return self.clock.time_offset_s if self.clock.is_kept else self.clock.given_s
 
     def applied_to(self, drive: Drive) -> Drive:
-        """Give a drive the camera and the clock that were estimated together with the transform."""
+        """Return a drive with the camera and the clock that were estimated together with the transform."""
         camera = self.used_camera if self.has_found_camera else None
         return with_estimates(drive, camera, self.used_offset_s if self.has_found_clock else None)
 
     @classmethod
-    def from_pose(cls, T_camera_lidar: Pose, **parts: Any) -> "Calibration":
+    def from_pose(cls, T_camera_lidar: Pose, **parts: Any) -> Self:
         """Make a calibration and derive the other forms of its pose.
 
         Args:
@@ -235,7 +236,7 @@ class Calibration(StrictModel):
 
 
 def with_estimates(drive: Drive, camera: Camera | None, time_offset_s: float | None) -> Drive:
-    """Give a drive another camera with the shutter of its own, and another time offset, where they are not None."""
+    """Return a drive with another camera, but its own shutter, and another time offset, where they are not None."""
     changes: dict[str, object] = {}
     if camera is not None:
         shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
@@ -245,12 +246,12 @@ def with_estimates(drive: Drive, camera: Camera | None, time_offset_s: float | N
     return drive.model_copy(update=changes)
 
 
-def calibration_text(calibration: Calibration, format: DocumentFormat) -> str:
+def calibration_text(calibration: CalibrationDocument, format: DocumentFormat) -> str:
     """Format a calibration as YAML or JSON; the same calibration gives the same bytes."""
     return document_text(calibration.model_dump(), format)
 
 
-def write_calibration(calibration: Calibration, path: Path | str) -> None:
+def write_calibration(calibration: CalibrationDocument, path: Path | str) -> None:
     """Write a calibration as YAML or JSON, by the suffix.
 
     Raises:
@@ -260,14 +261,14 @@ def write_calibration(calibration: Calibration, path: Path | str) -> None:
     write_text(calibration_text(calibration, output_format(path)), path)
 
 
-def read_calibration(path: Path | str) -> Calibration:
+def read_calibration(path: Path | str) -> CalibrationDocument:
     """Read and check a calibration.
 
     Raises:
         InputError: the file is wrong; the message names the file, the key, what was found and what was needed.
     """
     path = Path(path)
-    return validate(Calibration, read_document(path), path)
+    return validate(CalibrationDocument, read_document(path), path)
 
 
 def pose_forms(T_camera_lidar: Pose) -> dict[str, Any]:

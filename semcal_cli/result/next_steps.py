@@ -12,7 +12,7 @@ from semcal_cli.drive.document import DRIVE_FILE
 
 if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
-    from semcal_cli.result.calibration_document import Calibration
+    from semcal_cli.result.calibration_document import CalibrationDocument
 
 Rows: TypeAlias = list[tuple[str, str]]
 """Pairs of a label and a text."""
@@ -39,8 +39,8 @@ def after_import(drive: Drive) -> str:
     return shell("calibrate", name, *network, "-o", "calibration.yaml")
 
 
-def after_calibration(calibration: Calibration, result: Path) -> Rows:
-    """Say what to do with a calibration that was written to a file.
+def after_calibration(calibration: CalibrationDocument, result: Path) -> Rows:
+    """Describe what to do with a calibration that was written to a file.
 
     A trusted result is looked at, converted for a robot, and verified later.
     """

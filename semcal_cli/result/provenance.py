@@ -10,29 +10,69 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from semcal_cli.drive.camera import Camera, without_last_zeros
-from semcal_cli.drive.document import Drive, drive_file
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.files.array_forms import hash_array
 from semcal_cli.files.input_files import hash_file
+from semcal_cli.observations.cues.cue_table import files_of
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.sections import Input, InputFrame
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
 """Packages whose versions may affect the result, if they are installed."""
 
 
-def describe_input(
-    drive: Drive,
-    init: Path | None,
-    relative_to: Path,
-    keys: Sequence[str],
-    known: dict[str, str] | None = None,
-) -> Input:
-    """Describe the drive, its camera and frames, and compute the SHA-256 of each file or array that was read.
+def describe_input(drive: Drive, keys: Sequence[str]) -> Input:
+    """Describe the drive, its camera and its frames, without the hashes of its files: see `with_provenance`.
 
     Args:
-        drive: The drive.
-        init: File or drive of the initial pose, if any.
+        drive: The drive, with the used frames.
+        keys: Keys of a frame's files that were read.
+    """
+    return Input(
+        drive=str(drive.path),
+        camera=drive.camera,
+        frames=tuple(InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames),
+        sha256={},
+        networks=_networks(drive, keys),
+    )
+
+
+def with_provenance(
+    calibration: CalibrationDocument,
+    data: LoadedDrive,
+    *,
+    start: Path | None = None,
+    relative_to: Path = Path(),
+    hashes: dict[str, str] | None = None,
+) -> CalibrationDocument:
+    """Add the hashes of the files that a calibration was computed from, and name the drive relative to the result.
+
+    Args:
+        calibration: The calibration.
+        data: The drive that it was computed from.
+        start: File of the initial pose, if any.
         relative_to: Folder of the result. Paths are relative to it, except those of the drive's own files.
+        hashes: SHA-256 by the real paths of files; new ones are added.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
+    drive, hashes = data.drive, {} if hashes is None else hashes
+    sha256 = hash_input(drive, files_of(data.cues), hashes)
+    if start is not None:
+        sha256 |= hash_files([start], relative_to, hashes)
+    name = os.path.relpath(drive.path, relative_to) if drive.arrays is None else str(drive.path)
+    described = calibration.input.model_copy(update={"drive": name, "sha256": sha256})
+    return calibration.model_copy(update={"input": described})
+
+
+def hash_input(drive: Drive, keys: Sequence[str], known: dict[str, str] | None = None) -> dict[str, str]:
+    """Compute the SHA-256 of each file or array of a drive that was read, by its name in the drive.
+
+    Args:
+        drive: The drive, with the used frames.
         keys: Keys of a frame's files that were read.
         known: SHA-256 by the real paths of files; new ones are added.
 
@@ -43,21 +83,12 @@ def describe_input(
     names = [getattr(frame, key) for frame in drive.frames for key in keys]
     if drive.motion is not None:
         names.append(drive.motion.poses)
+    hashes = dict[str, str]()
     if arrays is None:
-        hashes = {drive.path.name: _sha256(drive.path, known)}
+        hashes[drive.path.name] = _sha256(drive.path, known)
     else:
-        hashes = dict[str, str]()
         names += [name for frame in drive.frames for name in arrays.times_of(frame.points)]
-    hashes |= {name: hash_named(drive, name, known) for name in names if name is not None}
-    if init is not None:
-        hashes |= hash_files([drive_file(init)], relative_to, known)
-    return Input(
-        drive=os.path.relpath(drive.path, relative_to) if arrays is None else str(drive.path),
-        camera=drive.camera,
-        frames=tuple(InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames),
-        sha256=hashes,
-        networks=_networks(drive, keys),
-    )
+    return hashes | {name: hash_named(drive, name, known) for name in names if name is not None}
 
 
 def hash_named(drive: Drive, name: str, known: dict[str, str] | None = None) -> str:
@@ -122,8 +153,8 @@ def camera_hash(camera: Camera) -> str:
 
 def versions() -> dict[str, str]:
     """Read the versions of semcal and its numerical libraries."""
-    found = {}
+    installed = {}
     for name in LIBRARIES:
         with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+            installed[name] = version(name)
+    return installed

@@ -180,7 +180,7 @@ def intrinsic_texts(camera: RefinedCamera) -> list[IntrinsicText]:
 
 
 def kept_sentence(camera: RefinedCamera) -> str:
-    """Say whether the transform belongs to the found intrinsics, and what held-out data gain by them."""
+    """Describe whether the transform belongs to the estimated intrinsics, and what held-out data gain by them."""
     sigma = camera.held_out_sigma_nats
     gain = f"{camera.held_out_gain_nats:.4f}{'' if sigma is None else f' +- {sigma:.4f}'} nats"
     if camera.is_kept:
@@ -191,7 +191,7 @@ def kept_sentence(camera: RefinedCamera) -> str:
 
 
 def clock_sentence(clock: Clock) -> str:
-    """Say how far the clock of the images is off, with the 95 % interval."""
+    """Describe how far the clock of the images is off, with the 95 % interval."""
     if not clock.is_determined or clock.half_width_95_s is None:
         return clock.meaning
     not_kept = "" if clock.is_kept else "; not kept: the transform belongs to the stamps of the drive"
@@ -199,7 +199,7 @@ def clock_sentence(clock: Clock) -> str:
 
 
 def offset_words(time_offset_s: float) -> str:
-    """Say by how much images are later or earlier than their stamps say."""
+    """Describe by how much images are later or earlier than their stamps."""
     if time_offset_s == 0.0:
         return "image stamps are right"
     side = "later" if time_offset_s > 0.0 else "earlier"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -158,23 +157,6 @@ class Hypothesis(StrictModel):
         """T_camera_lidar as an array (4, 4) of float64, in metres."""
         return np.array(self.T_camera_lidar)
 
-    @property
-    def corrected_nats(self) -> float:
-        """Mutual information minus its bias, by which hypotheses are ranked."""
-        return self.mutual_information_nats - self.bias_nats
-
-    def margin(self, other: Hypothesis) -> float:
-        """Compute how much worse another hypothesis is, in standard errors of the difference of mutual information.
-
-        The two errors are assumed to be independent. If the views overlap, they are not, and the margin is too small,
-        which is on the safe side.
-        """
-        if self.sigma_nats is None or other.sigma_nats is None:
-            return 0.0
-        sigma = math.hypot(self.sigma_nats, other.sigma_nats)
-        # Without scatter the error is unknown, so there is no margin.
-        return (self.corrected_nats - other.corrected_nats) / sigma if sigma > 0.0 else 0.0
-
 
 class Repeatability(StrictModel):
     """Results with other seeds on the same data, which show the influence of chance."""
@@ -210,13 +192,15 @@ class Movement(StrictModel):
 
     @property
     def words(self) -> str:
-        """Say how far the camera turned and moved, where either is more than chance."""
+        """Describe how far the camera turned and moved, where either is more than chance."""
         turned = _words(self.rotation_deg, self.half_width_95_rotation_deg)
         moved = _words(self.camera_center_m, self.half_width_95_camera_center_m)
-        found = [f"turned by {turned[0]:.2f} +- {turned[1]:.2f} degrees about {turned[2]}"] if turned else []
+        movements = (
+            [f"turned by {turned[0]:.2f} +- {turned[1]:.2f} degrees about {turned[2]}"] if turned else []
+        )
         if moved:
-            found.append(f"moved by {100 * moved[0]:.1f} +- {100 * moved[1]:.1f} cm along {moved[2]}")
-        return " and ".join(found) or "turned or moved"
+            movements.append(f"moved by {100 * moved[0]:.1f} +- {100 * moved[1]:.1f} cm along {moved[2]}")
+        return " and ".join(movements) or "turned or moved"
 
 
 class DrivePart(StrictModel):

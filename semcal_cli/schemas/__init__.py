@@ -21,13 +21,13 @@ from semcal_cli.files.validation import NEWEST_VERSION, StrictModel
 from semcal_cli.labelling.card import CloudCard, ImageCard, PointCard
 from semcal_cli.many.rig.rig_document import Rig
 from semcal_cli.many.rig.rig_result import RigResult
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 FOLDER = Path(__file__).parent
 MODELS: dict[str, Any] = {
     "semcal_drive": Drive,
     "semcal_rig": Rig,
-    "semcal_calibration": Calibration,
+    "semcal_calibration": CalibrationDocument,
     "semcal_rig_calibration": RigResult,
     "semcal_image_model": ImageCard,
     "semcal_point_model": PointCard | CloudCard,

@@ -21,13 +21,13 @@ import cv2
 import numpy as np
 from benchmark import script, street, table
 
+from semcal_cli.api.calls import calibrate
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.held_arrays import ArrayInput
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.reading import read_clouds
-from semcal_cli.pipeline import calibrate
 
 MIB = float(1 << 20)
 

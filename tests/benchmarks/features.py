@@ -17,12 +17,12 @@ import numpy as np
 import yaml
 from benchmark import script, street, summary
 
+from semcal_cli.api.calls import calibrate
 from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.experiments.summary import NUMBER, common
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.reading import read_observations
-from semcal_cli.pipeline import calibrate
 
 CHANNELS = 16
 COLUMNS = (common("cue", "cue"), NUMBER, *cues.MEDIAN_AND_WORST)

@@ -30,6 +30,7 @@ from consecutive_images import LongSweeps, write_images
 from odometry import kitti_poses
 from real_data import READERS
 
+from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.camera_motion import CAMERA_MOTION, standard_errors
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import DRIVE_FILE, Drive, Motion, read_drive
@@ -41,7 +42,6 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, inverse, rotation_error_deg
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.importing.sweep_odometry import NS, tum_text
-from semcal_cli.pipeline import calibrate
 
 TURNED_DEG = (0.0, 0.5, 1.0, 2.0, 5.0)
 NUM_AXES = 50

@@ -45,7 +45,7 @@ from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import mend, read_observations
 from semcal_cli.pipeline import initialize
 from semcal_cli.pipeline.stages import Stages
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
 FOCAL_SHARE, CENTER_PX, K1 = 0.03, 8.0, 0.02
@@ -184,7 +184,9 @@ def _spoiled(camera: Camera, rng: np.random.Generator) -> Camera:
     return with_intrinsics(camera, changed)
 
 
-def _compared(result: Result, found: Calibration, stages: Stages, camera: Camera, truth: Pose) -> Result:
+def _compared(
+    result: Result, found: CalibrationDocument, stages: Stages, camera: Camera, truth: Pose
+) -> Result:
     """Add the errors of a result, and how many true values its intervals contain."""
     error = compare_poses(found.pose, truth)
     *_, before_joint = (stage for name, stage in stages.poses.items() if name != "joint")

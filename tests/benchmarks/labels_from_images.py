@@ -26,6 +26,7 @@ from benchmark import script, seconds_of, street, table
 from torch import nn
 
 from semcal_cli import core
+from semcal_cli.api.calls import calibrate
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import read_drive
@@ -37,7 +38,6 @@ from semcal_cli.labelling.image_labeller import ImageLabeller
 from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.onnx_network import open_network
 from semcal_cli.observations.reading import read_label_images
-from semcal_cli.pipeline import calibrate
 
 TRAINING_SEED, DRIVE_SEED = 95_000, 96_000
 MEAN, STD = 0.45, 0.25

@@ -27,7 +27,7 @@ from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.importing.sweep_odometry import SIGMA, drive_motion, tum_text
 from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import calibrate
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 STREETS = {
     "5 m/s": (5.0, 0.3, 0.0, 0.0),
@@ -51,7 +51,7 @@ def drive_of(street: MovingStreet, folder: Path, late_s: float = 0.0) -> Drive:
     return drive
 
 
-def calibrated(drive: Drive, motion: Motion | None, config: CalibrationConfig) -> Calibration:
+def calibrated(drive: Drive, motion: Motion | None, config: CalibrationConfig) -> CalibrationDocument:
     return calibrate(load(drive.model_copy(update={"motion": motion}), config), config)
 
 

@@ -57,8 +57,8 @@ class ClockUncertainty(NamedTuple):
             return None
         if motion.speed_m_s is not None:
             level = adjoint(T_camera_lidar)[:, :2] * motion.speed_m_s
-            found = cls(0.0, stated_s, False, stated_s == 0.0, level, motion.speed_m_s)
-            return found if motion.speed_m_s > 0.0 else None
+            clock = cls(0.0, stated_s, False, stated_s == 0.0, level, motion.speed_m_s)
+            return clock if motion.speed_m_s > 0.0 else None
         twists = twists_per_s(data.first_cue)
         if twists is None or not np.any(twists):
             return None

@@ -105,15 +105,15 @@ def frame_offsets(
         starts = [np.array(part.T_camera_lidar) for part in parts for _ in range(part.num_frames)]
 
     def fit(frame: int) -> Part | None:
-        # Segments have no sharp top, so they climb the same blocks as in a calibration.
+        # Segments have no sharp maximum, so they climb the same blocks as in a calibration.
         is_near = not observations.has_partitions and _is_near(observations.of_frames([frame]), starts[frame])
         pyramid = NEAR_PYRAMID if is_near else FAR_PYRAMID
         return fit_part(observations, range(frame, frame + 1), starts[frame], pyramid)
 
     offsets, half_widths = np.full((2, len(starts), 6), np.nan)
     with thread_pool() as pool:
-        found = list(pool.map(fit, range(len(starts))))
-    for frame, fitted in enumerate(found):
+        parts_of_frames = list(pool.map(fit, range(len(starts))))
+    for frame, fitted in enumerate(parts_of_frames):
         if fitted is not None:
             offsets[frame] = _offsets([fitted.T_camera_lidar], T_camera_lidar)[0]
             half_widths[frame] = fitted.uncertainty.half_widths

@@ -86,10 +86,10 @@ def fit_jointly(
         polish: Settings of the polish, by which data are held out.
         time_offset_s: Time by which the observations assume images to be later than their stamps, seconds.
     """
-    found = _estimate(observations, T_camera_lidar, config, polish, time_offset_s)
-    if not found.is_kept or not can_be_unrolled(observations):
-        return found
-    lines = unrolled(found.observations, found.T_camera_lidar)
+    joint = _estimate(observations, T_camera_lidar, config, polish, time_offset_s)
+    if not joint.is_kept or not can_be_unrolled(observations):
+        return joint
+    lines = unrolled(joint.observations, joint.T_camera_lidar)
     return _estimate(exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s)
 
 
@@ -171,10 +171,10 @@ def _left_open(
     if shift is None:
         return None
     about = np.diag(asked.sigmas(camera, config) ** 2)
-    found = [asked.names.index(name) for name in fit.variables.names if name in asked.names]
-    if found and fit.covariance is not None:
-        about[np.ix_(found, found)] = fit.covariance[np.ix_(fit.places, fit.places)]
-        about[np.ix_(found, found)] += np.outer(fit.changes, fit.changes)
+    indices = [asked.names.index(name) for name in fit.variables.names if name in asked.names]
+    if indices and fit.covariance is not None:
+        about[np.ix_(indices, indices)] = fit.covariance[np.ix_(fit.places, fit.places)]
+        about[np.ix_(indices, indices)] += np.outer(fit.changes, fit.changes)
     return np.asarray(shift @ about @ shift.T)
 
 
@@ -183,7 +183,7 @@ def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.InformationGain:
     kept, held_out = split(problem.observations, problem.polish)
     before, part = newton(kept, T, problem.polish).T_camera_lidar, None
     if fit.variables.names:
-        # The top of the kept data is near that of all.
+        # The maximum of the kept data is near that of all.
         of_kept = replace(problem, observations=kept, asked=fit.uncertain)
         part = of_kept.finish(fit.T_camera_lidar, fit.variables, fit.changes)
     if part is None or part.variables != fit.variables:

@@ -1,6 +1,6 @@
 """The joint fit of pose, intrinsics and time offset, and its covariance.
 
-All are brought to the top of the exact mutual information together (`rust/alignment/joint.rs`), from what the drive
+All are brought to the maximum of the exact mutual information together (`rust/alignment/joint.rs`), from what the drive
 says. Prior standard deviations hold a variable that the labels do not constrain; it is then left out, and reported as
 not determined.
 
@@ -45,7 +45,7 @@ BLOCKS_ACROSS_WITH_DELAY = 20
 """The same where the time offset is estimated, which moves points farther."""
 FINE_LEVELS = 2
 """Number of the level, with blocks of four pixels, from which on the estimate is climbed twice."""
-LEAST_EVIDENCE = 3e3
+MIN_EVIDENCE = 3e3
 """Nats of a likelihood that a nat of mutual information is worth while the estimate is far off. With right variables it
 is some thousand for each frame."""
 MAX_SIGMA_SHARE = 0.5
@@ -59,7 +59,7 @@ BORDERS_PX = 0.03
 sees as wrong intrinsics do. On twelve development drives of 20 frames, three lenses, intervals contain the truth in 83
 and 92 % of the variables of a fisheye and of a 100-degree lens without it, in 92 and 96 % with it, and in all of a
 90-degree lens either way."""
-LEAST_WEIGHT = 1e-12
+MIN_WEIGHT = 1e-12
 """Smallest information along a direction, relative to that of a variable alone. Less is rounding."""
 DELAY = "delay"
 """Name of the time offset among the variables."""
@@ -108,7 +108,7 @@ class Variables(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """The top of the mutual information over those variables that it determines."""
+    """The maximum of the mutual information over those variables that it determines."""
 
     variables: Variables
     T_camera_lidar: Pose
@@ -189,12 +189,12 @@ class Problem:
             variables = variables.without([DELAY] if DELAY in left_open else left_open)
 
     def finish(self, T: Pose, variables: Variables, changes: Numbers) -> Fit:
-        """Climb the last levels from near the top, and compute the covariance there.
+        """Climb the last levels from near the maximum, and compute the covariance there.
 
         Args:
-            T: (4, 4) pose near the top, metres.
+            T: (4, 4) pose near the maximum, metres.
             variables: Variables that are fitted.
-            changes: (m,) their difference from the drive's values, near the top.
+            changes: (m,) their difference from the drive's values, near the maximum.
         """
         # An unbounded time offset would make the pose unboundedly uncertain.
         uncertain = Variables(self.asked.intrinsics, variables.with_delay)
@@ -203,14 +203,14 @@ class Problem:
             nothing = Variables((), with_delay=False)
             none = np.zeros(0)
             return Fit(nothing, T, none, self.observations, nothing, None, np.ones(6), math.inf)
-        found = self._climb(T, variables, changes, range(FINE_LEVELS, -1, -1), evidence)
-        changes = _changes(found, variables)
+        maximum = self._climb(T, variables, changes, range(FINE_LEVELS, -1, -1), evidence)
+        changes = _changes(maximum, variables)
         seen = seen_by(self.observations, variables, changes)
-        sure = self._covariance(seen, found.T_camera_lidar, uncertain)
-        return Fit(variables, found.T_camera_lidar, changes, seen, uncertain, *sure, found.moved_px)
+        sure = self._covariance(seen, maximum.T_camera_lidar, uncertain)
+        return Fit(variables, maximum.T_camera_lidar, changes, seen, uncertain, *sure, maximum.moved_px)
 
     def _fit(self, T: Pose, variables: Variables) -> Fit:
-        """Find the top from the drive's values, from coarse blocks to pixels.
+        """Find the maximum from the drive's values, from coarse blocks to pixels.
 
         The weight of the priors is known only there, so the last levels are then climbed again. Coarse blocks may lead
         away, as edges have a narrow basin: a climb that ends lower than it began, or where nothing is determined,
@@ -221,7 +221,7 @@ class Problem:
         across = BLOCKS_ACROSS_WITH_DELAY if variables.with_delay else BLOCKS_ACROSS
         coarsest = max(int(math.log2(max(width / across, 1.0))), FINE_LEVELS)
         at_drive, levels = np.zeros(len(variables.names)), range(coarsest, FINE_LEVELS - 1, -1)
-        coarse = self._climb(T, variables, at_drive, levels, LEAST_EVIDENCE)
+        coarse = self._climb(T, variables, at_drive, levels, MIN_EVIDENCE)
         fit = self.finish(coarse.T_camera_lidar, variables, _changes(coarse, variables))
         is_higher = _information(fit.observations, fit.T_camera_lidar) >= _information(self.observations, T)
         return fit if fit.variables == variables and is_higher else self.finish(T, variables, at_drive)
@@ -233,13 +233,13 @@ class Problem:
         depends on where in a pixel the points land. On twelve development drives of one frame nothing was determined in
         ten by single pixels alone, and in two by these blocks; 103 of 103 values lay within their intervals.
         """
-        found = [fit]
+        fits = [fit]
         for factor in BLOCKS_PX[1:]:
-            if not self._left_open(found[-1]):
+            if not self._left_open(fits[-1]):
                 break
             sure = self._covariance(fit.observations, fit.T_camera_lidar, fit.uncertain, factor)
-            found.append(fit._replace(covariance=sure[0], degrees_of_freedom=sure[1]))
-        return min(found, key=lambda each: len(self._left_open(each)))
+            fits.append(fit._replace(covariance=sure[0], degrees_of_freedom=sure[1]))
+        return min(fits, key=lambda each: len(self._left_open(each)))
 
     def _left_open(self, fit: Fit) -> list[str]:
         """List the variables that the data do not determine better than the priors."""
@@ -297,7 +297,7 @@ class Problem:
         if not (scale > 0.0).all():
             return nothing
         weights, directions = np.linalg.eigh(information / np.outer(scale, scale))
-        if weights[0] < LEAST_WEIGHT:
+        if weights[0] < MIN_WEIGHT:
             return nothing
         basis = directions / scale[:, None]
         covariance = np.asarray(basis / weights @ basis.T)
@@ -315,7 +315,7 @@ def _changes(found: core.JointMaximum, variables: Variables) -> Numbers:
 
 
 def seen_by(observations: Observations, variables: Variables, changes: Numbers) -> Observations:
-    """Give the observations as an estimate sees them: with its camera, and shifted by its time offset."""
+    """Return the observations as an estimate sees them: with its camera, and shifted by its time offset."""
     camera = observations.camera
     values = {
         name: intrinsic_value(camera, name) + change

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import check_baseline
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 
 @dataclass(frozen=True)
@@ -19,10 +19,10 @@ class InitialPose:
     name: str
     """Name in messages."""
     source: Path | None = None
-    """File of the transform; None if it was given on the command line."""
+    """File of the transform; None if no file states it."""
     direction: str | None = None
     """Direction of the matrix in the file, if the user had to state it."""
-    record: Calibration | None = None
+    record: CalibrationDocument | None = None
     """The calibration that semcal wrote with the transform, if there is one."""
 
     def check_distance(self, max_baseline_m: float) -> None:

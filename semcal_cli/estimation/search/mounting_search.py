@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 
@@ -13,13 +13,13 @@ from semcal_cli import core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.search.hand_eye import HandEye
+from semcal_cli.estimation.search.mounting import Mounting, describe, measured_from, runner_up
 from semcal_cli.estimation.search.registration import Candidate, register
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, rotation_error_deg
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.result.sections import Hypothesis
 
 GIVEN = "started at the given transform"
 """Note on a pose that was not searched for."""
@@ -40,11 +40,11 @@ MIN_POINTS_OF_MOST = 0.02
 class Initialization(StageResult):
     """Result of the initial calibration. Its pose is that of the first hypothesis."""
 
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[Mounting, ...]
     """Hypotheses, best first."""
     runner_up_margin: float | None
     """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
-    runner_up: Hypothesis | None = None
+    runner_up: Mounting | None = None
     """Best hypothesis of another mounting; None if there is none."""
     is_exhaustive: bool = False
     """Whether all mountings were searched, and priors left out none of them."""
@@ -119,7 +119,7 @@ def _candidates(
     return _align(observations, register(observations, config, seed, around), config, seed)
 
 
-def as_given(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
+def unsearched(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
     """Take a given pose (4, 4) unchanged, for cues whose refinement starts from several poses around it."""
     agreement = core.agreement(observations.core, T_given)
     return Initialization(
@@ -132,35 +132,20 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
     )
 
 
-def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
-    """Find the best hypothesis that is rotated by at least `least_deg` from the first; None if there is none."""
-    return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
-
-
-def seen_from(hypotheses: Iterable[Hypothesis], T_best: Pose) -> tuple[Hypothesis, ...]:
-    """Measure the rotations of hypotheses from another best pose (4, 4)."""
-    return tuple(
-        each.model_copy(update={"rotation_from_best_deg": rotation_error_deg(each.pose, T_best)})
-        for each in hypotheses
-    )
-
-
-def led_by(found: Initialization, first: Hypothesis, observations: Observations) -> Initialization:
-    """Put one of the hypotheses first that was chosen by something other than the search."""
-    if first is found.hypotheses[0]:
-        return found
-    ordered = (first, *(other for other in found.hypotheses if other is not first))
-    hypotheses = seen_from(ordered, first.pose)
+def with_best(initial: Initialization, best: Mounting, observations: Observations) -> Initialization:
+    """Put the mounting first that something other than the search has chosen."""
+    if best is initial.hypotheses[0]:
+        return initial
+    T, others = best.T_camera_lidar, (other for other in initial.hypotheses if other is not best)
+    hypotheses = measured_from(T, (best, *others))
     other = runner_up(hypotheses, InitializationConfig.runner_up_deg)
-    margin = None if other is None else hypotheses[0].margin(other)
     few = few_frames(observations, InitializationConfig.max_frames)
-    agreement = core.agreement(few.core, first.pose)
     return replace(
-        found,
-        T_camera_lidar=first.pose,
-        agreement=agreement,
+        initial,
+        T_camera_lidar=T,
+        agreement=core.agreement(few.core, T),
         hypotheses=hypotheses,
-        runner_up_margin=margin,
+        runner_up_margin=None if other is None else hypotheses[0].margin(other),
         runner_up=other,
     )
 
@@ -172,20 +157,6 @@ def _rank(
     scored = [(each, core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
     covering = [(each, agreement) for each, agreement in scored if agreement.overlap >= min_overlap]
     return sorted(covering or scored, key=lambda pair: pair[1].bias - pair[1].mutual_information)
-
-
-def describe(candidate: Candidate, agreement: core.Agreement, T_best: Pose) -> Hypothesis:
-    """Describe a candidate by the agreement of the labels at its pose, and by its rotation from the best pose."""
-    return Hypothesis(
-        T_camera_lidar=candidate.T_camera_lidar.tolist(),
-        mutual_information_nats=agreement.mutual_information,
-        bias_nats=agreement.bias,
-        sigma_nats=agreement.sigma if math.isfinite(agreement.sigma) else None,
-        overlap=agreement.overlap,
-        num_pairs=candidate.num_pairs,
-        num_inliers=candidate.num_inliers,
-        rotation_from_best_deg=rotation_error_deg(candidate.T_camera_lidar, T_best),
-    )
 
 
 def recorded(config: InitializationConfig, observations: Observations) -> dict[str, object]:

@@ -9,7 +9,7 @@ from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
-from semcal_cli.estimation.search.mounting_search import Initialization, as_given
+from semcal_cli.estimation.search.mounting_search import Initialization, unsearched
 from semcal_cli.observations.observations import Observations
 
 NEEDED_LABELS = "image labels (--image-model cityscapes)"
@@ -44,6 +44,6 @@ def start_by_motion(
     if isinstance(by_motion, NotDetermined):
         none = "the motion of camera and LiDAR gives no start"
         raise InputError(f"{drive.path}: {needed_start(cues, drive)}; {none}: {by_motion.why}")
-    given = as_given(observations, by_motion.T_camera_lidar, config)
+    given = unsearched(observations, by_motion.T_camera_lidar, config)
     settings = {**given.settings, "hand_eye": by_motion.record}
     return replace(given, note=by_motion.sentence, settings=settings, by_motion=by_motion)

@@ -52,29 +52,29 @@ def estimate_uncertainty(
     Returns:
         The uncertainty; None if the labels do not determine the pose.
     """
-    # Cues with many tops are rough at full resolution, where tops are as wide as a pixel.
+    # Cues with many maxima are rough at full resolution, where maxima are as wide as a pixel.
     measure = determined_sensitivity if observations.is_multimodal else sensitivity
     around = measure(observations, T_camera_lidar, SensitivityConfig())
     if around is None or not around.is_determined:
         return None
     scatter = around.scatter(around.influence)
-    found = Uncertainty.from_covariance(T_camera_lidar, scatter.covariance, scatter.degrees_of_freedom)
-    return with_others(found, T_camera_lidar, of_others)
+    uncertainty = Uncertainty.from_covariance(T_camera_lidar, scatter.covariance, scatter.degrees_of_freedom)
+    return with_others(uncertainty, T_camera_lidar, of_others)
 
 
-def with_others(found: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
+def with_others(uncertainty: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
     """Add the covariance (6, 6) of the pose (4, 4) from errors of what keeps the drive's values.
 
     Weak directions stay those that more frames would improve.
     """
     if of_others is None or not of_others.any():
-        return found
-    covariance, freedom = np.array(found.covariance), np.array(found.degrees_of_freedom)
+        return uncertainty
+    covariance, freedom = np.array(uncertainty.covariance), np.array(uncertainty.degrees_of_freedom)
     wider = 1.0 + np.diag(of_others) / np.diag(covariance)
     together = Uncertainty.from_covariance(
         T_camera_lidar, covariance + of_others, np.minimum(freedom * wider**2, MANY)
     )
-    return together.model_copy(update={"weak_directions": found.weak_directions})
+    return together.model_copy(update={"weak_directions": uncertainty.weak_directions})
 
 
 def label_bleed(

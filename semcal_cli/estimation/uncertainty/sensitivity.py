@@ -18,15 +18,15 @@ MOST_LEVERAGE = 0.75
 """Largest fraction of the curvature along a direction that counts as one class's, so that the pull of a class counts at
 most four times. On 18 drives whose classes' borders are off in all frames alike, 88 to 91 % of the axes were inside
 with three, four or ten times."""
-LEAST_CLASSES = 4.0
+MIN_CLASSES = 4.0
 """Least number of independent classes that the degrees of freedom of their scatter count, where there are so many.
 With fewer, Student's t makes intervals wide that need not be: on drives whose classes' borders are off in all frames
 alike, 93 and 92 % of the axes lie within the intervals with it (15 drives, 5 and 20 frames), 92 and 87 % with eight."""
-LEAST_BEND = 1e-6
+MIN_BEND = 1e-6
 """Curvature floor per pixel, relative to the steepest direction. Less is rounding."""
 BLOCKS_PX = (1, 2, 4)
 """Blocks of the images on which a pose may be determined, finest first."""
-LEAST_SPREAD = 1e-12
+MIN_SPREAD = 1e-12
 """Smallest variance along a direction, relative to that of a measurement alone. Less is rounding."""
 MANY = 1e6
 """Degrees of freedom of what is known exactly."""
@@ -52,7 +52,7 @@ class Scatter(NamedTuple):
         return np.asarray(self.of_squares + self.of_classes)
 
     def along(self, directions: Matrix) -> Scatter:
-        """Give the scatter of the products with directions (m, k)."""
+        """Return the scatter of the products with directions (m, k)."""
         return Scatter(
             self.squares @ directions,
             self.num_alike,
@@ -71,11 +71,11 @@ class Scatter(NamedTuple):
         of_squares, of_classes = np.diag(self.of_squares), np.diag(self.of_classes)
         by_square = _effective_number(self.squares, self.num_alike)
         most = max(float(np.count_nonzero(self.classes.any(axis=1))) - 1.0, 1.0)
-        found = _effective_number(self.classes, np.ones(len(self.classes)))
-        by_class = found.clip(min(LEAST_CLASSES, most), most)
+        num_classes = _effective_number(self.classes, np.ones(len(self.classes)))
+        by_class = num_classes.clip(min(MIN_CLASSES, most), most)
         spread = of_squares**2 / by_square + (self.classes**2).sum(axis=0) ** 2 / by_class
-        found = (of_squares + of_classes) ** 2 / np.maximum(spread, np.finfo(float).tiny)
-        return np.asarray(np.maximum(found, np.minimum(by_square, by_class)))
+        freedom = (of_squares + of_classes) ** 2 / np.maximum(spread, np.finfo(float).tiny)
+        return np.asarray(np.maximum(freedom, np.minimum(by_square, by_class)))
 
 
 def _effective_number(influences: Matrix, num_alike: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -183,7 +183,7 @@ def bending(curvature: Matrix, motions: Matrix) -> tuple[Matrix, Matrix, Matrix]
     """
     scale = 1.0 / np.sqrt(np.diag(motions))
     bends, directions = np.linalg.eigh(curvature * np.outer(scale, scale))
-    falls = bends > LEAST_BEND * max(float(bends[-1]), 0.0)
+    falls = bends > MIN_BEND * max(float(bends[-1]), 0.0)
     return scale, bends[falls], directions[:, falls]
 
 
@@ -204,7 +204,7 @@ def _positive_part(matrix: Matrix, covariance: Matrix) -> Matrix:
     """Leave out the directions of a symmetric matrix (m, m) along which it is negative, in units of a covariance."""
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     spreads, directions = np.linalg.eigh(covariance / np.outer(scale, scale))
-    is_spread = spreads > LEAST_BEND
+    is_spread = spreads > MIN_BEND
     root = scale[:, None] * directions[:, is_spread] * np.sqrt(spreads[is_spread])
     inverse = directions[:, is_spread] / np.sqrt(spreads[is_spread]) / scale[:, None]
     values, axes = np.linalg.eigh(inverse.T @ matrix @ inverse)
@@ -231,18 +231,18 @@ def sensitivity(
     Returns:
         The sensitivity; None if no variable changes the mutual information.
     """
-    found = core.sensitivity(observations.core, T_camera_lidar, config, intrinsics, twists_per_s)
-    if found is None:
+    of_core = core.sensitivity(observations.core, T_camera_lidar, config, intrinsics, twists_per_s)
+    if of_core is None:
         return None
-    squares, places = squares_of(found)
+    squares, places = squares_of(of_core)
     scenes, frames = np.array(observations.scenes), observations.frame_indices[squares[:, 0]]
     return Sensitivity(
-        curvature=found.curvature,
-        class_curvatures=found.class_curvatures,
-        scores=found.scores,
+        curvature=of_core.curvature,
+        class_curvatures=of_core.class_curvatures,
+        scores=of_core.scores,
         squares=places,
-        classes=found.parts[:, 3].astype(np.intp),
-        motions=found.motions,
+        classes=of_core.parts[:, 3].astype(np.intp),
+        motions=of_core.motions,
         num_alike=np.bincount(scenes, minlength=len(scenes))[scenes[frames]].astype(np.float64),
     )
 
@@ -283,7 +283,7 @@ class Measurement(NamedTuple):
         scale = np.sqrt(np.diag(self.covariance))
         scale = np.where(scale > 0.0, scale, np.inf)
         spreads, directions = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        is_known = spreads > LEAST_SPREAD
+        is_known = spreads > MIN_SPREAD
         basis = directions[:, is_known] / scale[:, None]
         return np.asarray(basis / spreads[is_known] @ basis.T)
 

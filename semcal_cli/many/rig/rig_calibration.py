@@ -26,7 +26,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import PoseError, compare_poses, inverse, quaternion_xyzw
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_document import Rig
-from semcal_cli.result.calibration_document import Calibration, Status
+from semcal_cli.result.calibration_document import CalibrationDocument, Status
 from semcal_cli.result.provenance import versions
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -118,7 +118,7 @@ class CameraPair:
 class RigCalibration:
     """Calibrations of the cameras of a rig, and of its pairs of cameras."""
 
-    cameras: Mapping[str, Calibration]
+    cameras: Mapping[str, CalibrationDocument]
     """Calibration of each camera that has one."""
     failures: Mapping[str, str]
     """Error of each camera that has no calibration."""
@@ -162,7 +162,7 @@ class RigCalibration:
 def combine(
     rig: Rig,
     drives: Mapping[str, Drive],
-    cameras: Mapping[str, Calibration],
+    cameras: Mapping[str, CalibrationDocument],
     failures: Mapping[str, str],
     num_sweeps: int,
 ) -> RigCalibration:
@@ -187,15 +187,19 @@ def combine(
 
 
 def make_pair(
-    a: str, calibration_a: Calibration, b: str, calibration_b: Calibration, reference: Reference | None = None
+    a: str,
+    calibration_a: CalibrationDocument,
+    b: str,
+    calibration_b: CalibrationDocument,
+    reference: Reference | None = None,
 ) -> CameraPair:
     """Compute the transform between two cameras and its uncertainty.
 
     Args:
         a: Name of the first camera.
-        calibration_a: Calibration of the first camera.
+        calibration_a: CalibrationDocument of the first camera.
         b: Name of the second camera.
-        calibration_b: Calibration of the second camera.
+        calibration_b: CalibrationDocument of the second camera.
         reference: Reference transform to compare with.
     """
     T_a_b = calibration_a.pose @ inverse(calibration_b.pose)

@@ -8,7 +8,7 @@ from collections.abc import Hashable, Iterable, Mapping
 from hashlib import sha256
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
@@ -128,23 +128,26 @@ class Rig(StrictModel):
         return None
 
 
-def find_rig(path: Path) -> Path | None:
-    """Find the rig.yaml that a path names.
+def find_rig(path: Path) -> Rig | None:
+    """Read the rig that a path names.
 
     Args:
         path: A file, or a folder with a rig.yaml and no drive.yaml.
 
     Returns:
-        The rig.yaml; None if the path names a drive.
+        The rig; None if the path names a drive.
 
     Raises:
-        InputError: the file does not exist or cannot be parsed.
+        InputError: the file does not exist or is wrong.
     """
     if is_folder(path):
         file = path / RIG_FILE
-        return file if file.exists() and not (path / DRIVE_FILE).exists() else None
+        return read_rig(file) if file.exists() and not (path / DRIVE_FILE).exists() else None
     # A file without the key is not parsed, which would take time for a long drive.
-    return path if RIG.encode() in read_bytes(path) and RIG in read_document(path) else None
+    if RIG.encode() not in read_bytes(path):
+        return None
+    document = read_document(path)
+    return _rig_of(document, path) if RIG in document else None
 
 
 def read_rig(path: Path) -> Rig:
@@ -153,7 +156,11 @@ def read_rig(path: Path) -> Rig:
     Raises:
         InputError: the file is wrong; the message names the file, the key, what was found and what was needed.
     """
-    rig = validate(Rig, read_document(path), path)
+    return _rig_of(read_document(path), path)
+
+
+def _rig_of(document: Mapping[str, Any], path: Path) -> Rig:
+    rig = validate(Rig, document, path)
     rig._path = path
     return rig
 

@@ -19,7 +19,7 @@ from semcal_cli.report.cloud import SweepView, sweep_cloud
 from semcal_cli.report.overlays import Overlays
 from semcal_cli.report.page_images import overlay_uri
 from semcal_cli.report.template import PageVerdict, link_reasons, render_page
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.uncertainty import intervals, widest
 from semcal_cli.threads import thread_pool
 
@@ -113,7 +113,7 @@ def _statuses(rig: RigCalibration) -> dict[str, str]:
     }
 
 
-def _how_sure(calibration: Calibration) -> str:
+def _how_sure(calibration: CalibrationDocument) -> str:
     """Describe how accurate the transform of a camera is."""
     if calibration.believed_uncertainty is not None:
         return f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."

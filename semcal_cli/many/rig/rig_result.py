@@ -12,7 +12,7 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine
-from semcal_cli.many.rig.rig_document import RESULT, Rig, read_rig
+from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration_document import read_calibration
 
@@ -65,18 +65,18 @@ class RigFiles(NamedTuple):
     """All files of the rig and of its result, with the document of the result last."""
 
 
-def read_rig_files(rig_file: Path, result: Path, max_points: int = MAX_POINTS) -> RigFiles:
-    """Read a rig and its result.
+def read_rig_files(rig: Rig, result: Path, max_points: int = MAX_POINTS) -> RigFiles:
+    """Read the drives of a rig, and its result.
 
     Args:
-        rig_file: The rig.yaml.
+        rig: The rig.
         result: Document of the result, or the folder that `semcal calibrate` wrote.
         max_points: Points of the largest sweep that is read.
 
     Raises:
         InputError: a file is missing or wrong, or the result is from another rig.
     """
-    rig, file = read_rig(rig_file), result / f"{RESULT}.yaml" if is_folder(result) else result
+    file = result / f"{RESULT}.yaml" if is_folder(result) else result
     drives = rig.read_drives(max_points)
     rig_calibration = read_rig_result(rig, drives, file)
     for name, record in rig_calibration.cameras.items():

@@ -13,15 +13,15 @@ import numpy as np
 from laboratory.outcomes import Outcome, errors_of, in_cm
 from laboratory.raw_drive import RawDrive, write_raw_drive
 
+from semcal_cli.api.calls import calibrate
 from semcal_cli.errors import SemcalError
-from semcal_cli.pipeline import calibrate
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 MAX_WIDTH_CHANGE = 1.2
 """Largest ratio, either way, between the intervals from copies of a frame and from the frame alone."""
 OF_SCALE = re.compile(r"\b(?:scaled?|units?|in metres|feet)\b", re.IGNORECASE)
 """Words of a note about the scale of the clouds."""
-Found: TypeAlias = Calibration | SemcalError
+Found: TypeAlias = CalibrationDocument | SemcalError
 Diagnose = Callable[[RawDrive, Found, Outcome], Outcome]
 """Adds to an outcome whether the result says what is wrong with the drive, and the figures behind that."""
 

@@ -23,7 +23,7 @@ from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.observations.reading import mend, read_observations
 from semcal_cli.pipeline import initialize
 from semcal_cli.pipeline.verification import verify
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 CONFIDENT_SIGMAS = 4.0
@@ -99,7 +99,7 @@ class Outcome:
     detail: str = ""
     """Figures behind `is_told`."""
 
-    def stating(self, calibration: Calibration, errors: tuple[float, ...]) -> Outcome:
+    def stating(self, calibration: CalibrationDocument, errors: tuple[float, ...]) -> Outcome:
         """Copy this with what a calibration states, and its errors (6,) in centimetres and degrees."""
         outcome = replace(
             self,

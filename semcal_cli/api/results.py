@@ -17,8 +17,11 @@ from semcal_cli.files.array_forms import COLORS, POINTS, Form, check_array, imag
 from semcal_cli.formats import write_transform
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.observations.reading import read_clouds, read_frame_image
-from semcal_cli.result import calibration_document as document
-from semcal_cli.result.calibration_document import write_calibration
+from semcal_cli.result.calibration_document import (
+    CalibrationDocument,
+    read_calibration as read_document,
+    write_calibration,
+)
 
 WIDTH_PX = 640
 """Width of the image that a notebook shows; smaller images are not enlarged."""
@@ -26,21 +29,21 @@ QUALITY = 80
 """JPEG quality of that image."""
 
 
-class Calibration(document.Calibration):
+class Calibration(CalibrationDocument):
     """Transform between a LiDAR and a camera, with its uncertainty and quality; a notebook shows it."""
 
     _drive: Drive | Path | str | None = PrivateAttr(default=None)
 
     @classmethod
-    def of(cls, found: document.Calibration, drive: Drive | Path | str | None = None) -> Calibration:
-        """Make it from the result of the pipeline; `drive` has the image that a notebook shows."""
-        made = cls.model_validate(found.model_dump())
-        made._drive = drive
-        return made
+    def of(cls, document: CalibrationDocument, drive: Drive | Path | str | None = None) -> Calibration:
+        """Share the content of a checked document; `drive` has the image that a notebook shows."""
+        calibration = cls.model_construct(document.model_fields_set, **dict(document))
+        calibration._drive = drive
+        return calibration
 
     def __eq__(self, other: object) -> bool:
         """Whether both have the same content; their drives are not compared."""
-        return isinstance(other, document.Calibration) and self.model_dump() == other.model_dump()
+        return isinstance(other, CalibrationDocument) and self.model_dump() == other.model_dump()
 
     def overlay(self, image: npt.NDArray[np.uint8], points: npt.ArrayLike) -> npt.NDArray[np.uint8]:
         """Draw points on a darkened image, from red (near) to blue (far); points that nearer ones hide are left out.
@@ -119,4 +122,4 @@ def read_calibration(path: Path | str) -> Calibration:
     Raises:
         InputError: the file is wrong; the message names the file, the key, what was found and what was needed.
     """
-    return Calibration.of(document.read_calibration(path))
+    return Calibration.of(read_document(path))

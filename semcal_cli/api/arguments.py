@@ -1,0 +1,82 @@
+"""The forms in which a program may give a drive, a transform and cues."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy.typing as npt
+
+from semcal_cli.config import CalibrationConfig, CueName
+from semcal_cli.drive.document import Drive, drive_file
+from semcal_cli.drive.held_arrays import ArrayInput
+from semcal_cli.errors import InputError
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.formats import read_extrinsic
+from semcal_cli.geometry.poses import as_transform
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.result.calibration_document import CalibrationDocument
+
+Data: TypeAlias = LoadedDrive | Drive | Path | str
+"""A drive, its folder, its drive.yaml, or a drive loaded by `load`."""
+GivenTransform: TypeAlias = InitialPose | CalibrationDocument | Path | str | npt.ArrayLike
+"""T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any known format."""
+Cues: TypeAlias = CueName | Sequence[CueName]
+"""A cue, or several that are compared together."""
+
+
+def as_data(drive: Data | None, arrays: ArrayInput) -> Data:
+    """Return the drive, or make one from arrays.
+
+    Raises:
+        InputError: there is no drive, or one beside arrays, or an array is wrong.
+    """
+    if drive is None and not arrays:
+        raise InputError(
+            "drive: found nothing, needed a drive, or arrays: points, camera and the data that the cue compares"
+        )
+    if drive is not None and arrays:
+        raise InputError(f"{min(arrays)}: found arrays and a drive, needed only one of the two")
+    if drive is None:
+        return Drive.from_arrays(**arrays)
+    if not isinstance(drive, LoadedDrive | Drive | Path | str):
+        raise InputError(
+            f"drive: found {type(drive).__name__}, needed a drive or its path; arrays have names"
+        )
+    return drive
+
+
+def as_initial_pose(transform: GivenTransform | None) -> InitialPose:
+    """Convert a transform from any of its forms.
+
+    Raises:
+        InputError: there is none, it is not rigid, or its file is wrong.
+    """
+    if transform is None:
+        raise InputError("transform: found nothing, needed T_camera_lidar (4, 4), a calibration or a file")
+    if isinstance(transform, InitialPose):
+        return transform
+    if isinstance(transform, CalibrationDocument):
+        return InitialPose(transform.T_camera_lidar, "calibration", record=transform)
+    if isinstance(transform, Path | str):
+        extrinsic = read_extrinsic(transform)
+        return InitialPose(
+            extrinsic.T_camera_lidar, str(transform), drive_file(Path(transform)), record=extrinsic.record
+        )
+    return InitialPose(as_transform(transform, "transform"), "transform")
+
+
+def with_cue(config: CalibrationConfig | None, cue: Cues | None) -> CalibrationConfig:
+    """Put the cues into the settings.
+
+    Raises:
+        InputError: the cue is neither a name nor a list of names.
+    """
+    config = CalibrationConfig() if config is None else config
+    if cue is None:
+        return config
+    if isinstance(cue, bytes) or not isinstance(cue, Sequence):
+        raise InputError(f"cue: found {cue!r}, needed a name or a list of names")
+    return replace(config, cues=(cue,) if isinstance(cue, str) else tuple(cue))

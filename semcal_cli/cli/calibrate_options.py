@@ -1,0 +1,166 @@
+"""The options of `semcal calibrate`, which `semcal batch` takes, too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from semcal_cli.cli.convert import WrittenSettings
+from semcal_cli.cli.label import ImageSettings
+from semcal_cli.cli.options import ResultSettings
+from semcal_cli.cli.rules import given
+from semcal_cli.cli.settings import option, output_file, setting_of
+from semcal_cli.cli.stage_options import PRIORS, STARTS, RefinementSettings, SearchSettings
+from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
+from semcal_cli.config.mine_config import MINE_WITH_VECTORS, MineConfig
+from semcal_cli.config.setting import settings_of
+from semcal_cli.errors import check_torch
+
+if TYPE_CHECKING:
+    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.config.paper_config import PaperConfig
+    from semcal_cli.result.calibration_document import CalibrationDocument
+
+BEYOND_LABELS = ("--cue segments", "--cue edges", "--cue intensity", "--cue features")
+of_paper = partial(setting_of, help="{} Only with --method paper.", is_open=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperSettings:
+    """Options for the choices that the paper leaves open."""
+
+    section = "The paper's method"
+    rules = [
+        given(
+            *(each.option for config in (MineConfig, PyramidConfig) for each in settings_of(config).values())
+        ).requires("--method paper"),
+    ]
+    steps_per_level: int | None = of_paper(MineConfig, "steps_per_level")
+    warm_up_steps: int | None = of_paper(MineConfig, "warm_up_steps")
+    batch_size: int | None = of_paper(MineConfig, "batch_size")
+    num_hidden: int | None = of_paper(MineConfig, "num_hidden")
+    learning_rate_theta: float | None = of_paper(MineConfig, "learning_rate_theta")
+    learning_rate_pose: float | None = of_paper(MineConfig, "learning_rate_pose")
+    max_final_drift: float | None = of_paper(PyramidConfig, "max_final_drift")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateSettings(
+    SearchSettings, RefinementSettings, ImageSettings, PaperSettings, WrittenSettings, ResultSettings
+):
+    """Settings of `calibrate`."""
+
+    rules = [
+        given(
+            *("--search-deg", "--zoom", "--estimator", "--edge-band", "--no-polish", "--repeat"),
+            *("--refine-intrinsics", "--intrinsics-sigma", "--estimate-delay", *PRIORS),
+        ).requires("--method mi"),
+        given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 needs labels"),
+        given("--to-direction", "--to-frame", "--to-camera", "--to-lidar").requires("--to"),
+        given("--to").requires("-o", where=["--json"], because="both would write to standard output"),
+    ]
+    method: Literal["mi", "paper"] = option(
+        "mi: mutual information, as semcal maximises it. paper: the paper's method exactly as published, for "
+        "comparison; it estimates no uncertainty.",
+        default="mi",
+    )
+    repeat: int | None = option(
+        "Calibrate with N seeds, and report the spread of the results next to the uncertainty.", minimum=2
+    )
+    page: Path | None = output_file("Also write a report of the result: .html.", "--report")
+    images: Path | None = option(
+        "Also draw the points on the images of at most 20 frames, before and after refinement.",
+        "--overlay",
+        metavar="DIR",
+    )
+
+    def check(self) -> None:
+        """Check everything about the options that can be checked without the drive.
+
+        Raises:
+            click.UsageError: options conflict in a way that no rule covers.
+            InputError: the file of `--init` is not a transform, or a pose puts the camera too far from the LiDAR.
+        """
+        for name in ("initial_pose", "paper", "config", "priors"):
+            getattr(self, name)
+
+    def check_estimator(self) -> None:
+        """Check that torch is installed if MINE is chosen.
+
+        Raises:
+            InputError: it is not installed.
+        """
+        if self.method == "paper":
+            check_torch("--method paper")
+        super().check_estimator()
+
+    @property
+    def refinement(self) -> RefinementConfig:
+        """Settings of the refinement."""
+        config = super().refinement
+        return replace(config, estimator="mine") if self.method == "paper" else config
+
+    def known_cues(self, cues: tuple[CueName, ...]) -> tuple[CueName, ...]:
+        """Return the cues to compare; the paper's method and MINE default to labels."""
+        return LABELS if self.method != "mi" and cues == AUTO else super().known_cues(cues)
+
+    @property
+    def config(self) -> CalibrationConfig:
+        """All settings of the calibration."""
+        return CalibrationConfig(
+            self.seed,
+            self.known_cues(self.cues),
+            self.max_frames,
+            self.initialization,
+            self.refinement,
+            self.repeat or 1,
+            is_raw=self.method == "paper",
+        )
+
+    @property
+    def paper(self) -> PaperConfig | None:
+        """Settings of the paper's method, with the in-plane rotations and distance of the search; None for others.
+
+        Raises:
+            click.UsageError: several cues are given.
+        """
+        if self.method != "paper":
+            return None
+        from semcal_cli.config.paper_config import PaperConfig
+        from semcal_cli.observations.cues.cue_table import find_cue
+
+        if len(self.cues) > 1:
+            raise click.UsageError(f"--cue: found {','.join(self.cues)}, needed one cue for --method paper.")
+        usual, drift = PaperConfig(), self.max_final_drift
+        (cue,) = self.known_cues(self.cues)
+        asked = {name: getattr(self, name) for name in settings_of(MineConfig)}
+        mine = replace(
+            usual.mine if find_cue(cue).has_point_labels else MINE_WITH_VECTORS,
+            **{name: value for name, value in asked.items() if value is not None},
+        )
+        pyramid = usual.pyramid if drift is None else replace(usual.pyramid, max_final_drift=drift)
+        return PaperConfig(replace(self.initialization, zoom=usual.initialization.zoom), pyramid, mine)
+
+    @property
+    def outputs(self) -> Outputs:
+        """Output files."""
+        from semcal_cli.cli.outputs import Outputs
+
+        to = None if self.to is None else (self.to, self.written())
+        return replace(Outputs.of_result(self), to=to, page=self.page, images=self.images)
+
+    def calibration(self) -> Callable[..., CalibrationDocument]:
+        """Choose the function that calibrates a drive by the chosen method, with all settings."""
+        start: dict[str, Any] = {"config": self.config, "initial_pose": self.initial_pose}
+        if (paper := self.paper) is not None:
+            from semcal_cli.pipeline.paper import calibrate_as_published
+
+            return partial(calibrate_as_published, paper=paper, **start)
+        from semcal_cli.pipeline import calibrate
+
+        return partial(calibrate, priors=self.priors, **start)
