@@ -303,7 +303,7 @@ def test_no_number_of_drives_reduces_errors_of_k() -> None:
     of_k = np.diag([0.01, 0.01, 0.01, 0.002, 0.002, 0.002]) ** 2
     apart, shared = (
         combine_drives(drives, Limits())
-        for drives in (alone, [replace(drive, of_intrinsics=of_k) for drive in alone])
+        for drives in (alone, [replace(drive, covariance_of_intrinsics=of_k) for drive in alone])
     )
     np.testing.assert_allclose(shared.T_camera_lidar, apart.T_camera_lidar)
     np.testing.assert_allclose(shared.covariance, apart.covariance + of_k)

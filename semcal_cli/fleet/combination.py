@@ -66,7 +66,7 @@ def combine_drives(drives: Sequence[FleetDrive], limits: Limits, T_reference: Po
         notes(usable, order),
         checks,
         T_now,
-        covariance + series.of_intrinsics,
+        covariance + series.covariance_of_intrinsics,
         _half_widths(np.diag(series.extra.variances), np.ones(6)),
         order,
         parts,
@@ -90,7 +90,7 @@ class _Series:
     extra: ExtraScatter
     factors: npt.NDArray[np.float64]
     """(6,) half widths of a 95 % interval, in standard errors, from Student's distribution."""
-    of_intrinsics: npt.NDArray[np.float64]
+    covariance_of_intrinsics: npt.NDArray[np.float64]
     """(6, 6) mean covariance from errors of K, over the drives that state it. More drives do not reduce it."""
 
     @property
@@ -104,7 +104,7 @@ class _Series:
 
     def half_widths(self, covariance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return half widths (6,) of a combined pose, from the scatter of the drives (6, 6) and from errors of K."""
-        of_intrinsics = _half_widths(self.of_intrinsics, np.full(6, NORMAL_95))
+        of_intrinsics = _half_widths(self.covariance_of_intrinsics, np.full(6, NORMAL_95))
         return np.hypot(_half_widths(covariance, self.factors), of_intrinsics)
 
 
@@ -167,10 +167,12 @@ def _make_series(drives: Sequence[FleetDrive], times: npt.NDArray[np.float64]) -
     covariances = stated_covariances + np.diag(extra.variances)
     T_mean = robust_mean(poses, covariances).T_camera_lidar
     factors = np.array([core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
-    shared_covariances = [drive.of_intrinsics for drive in drives if drive.of_intrinsics is not None]
-    of_intrinsics = np.mean(shared_covariances, axis=0) if shared_covariances else np.zeros((6, 6))
+    shared_covariances = [
+        drive.covariance_of_intrinsics for drive in drives if drive.covariance_of_intrinsics is not None
+    ]
+    covariance_of_intrinsics = np.mean(shared_covariances, axis=0) if shared_covariances else np.zeros((6, 6))
     coordinates = local_coordinates(poses, T_mean)
-    return _Series(times, T_mean, coordinates, covariances, extra, factors, of_intrinsics)
+    return _Series(times, T_mean, coordinates, covariances, extra, factors, covariance_of_intrinsics)
 
 
 def _compare_drives(

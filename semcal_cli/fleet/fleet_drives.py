@@ -55,7 +55,7 @@ class FleetDrive:
     """Hash of the camera, given or estimated, that the transform belongs to; see `provenance.camera_hash`."""
     topic: str | None = None
     """Entry of `left_out` in docs/troubleshooting.md, if it has one."""
-    of_intrinsics: npt.NDArray[np.float64] | None = None
+    covariance_of_intrinsics: npt.NDArray[np.float64] | None = None
     """(6, 6) part of the covariance from errors of K, which all drives of a camera share; None if it is not stated."""
 
     @property
@@ -118,8 +118,10 @@ def _drive_of_line(line: _Line, where: Path) -> FleetDrive:
         raise InputError(f"{where}: T_camera_lidar: found none, needed one where status is {line.status}")
     left_out, topic = _why_left_out(line.status, line.reasons, line.topics, line.covariance)
     covariance = None if left_out else _check_covariance(line.covariance, f"{where}: covariance")
-    of_intrinsics = _as_array(line.covariance_of_intrinsics)
-    return FleetDrive(line.drive, line.stamp, T, covariance, left_out, line.camera, topic, of_intrinsics)
+    covariance_of_intrinsics = _as_array(line.covariance_of_intrinsics)
+    return FleetDrive(
+        line.drive, line.stamp, T, covariance, left_out, line.camera, topic, covariance_of_intrinsics
+    )
 
 
 def _read_single(path: Path) -> FleetDrive:
@@ -130,14 +132,16 @@ def _read_single(path: Path) -> FleetDrive:
         calibration.status, calibration.reasons, calibration.topics, stated_covariance
     )
     covariance = None if left_out else _check_covariance(stated_covariance, f"{path}: uncertainty.covariance")
-    of_intrinsics = (
+    covariance_of_intrinsics = (
         None if uncertainty is None or left_out else _as_array(uncertainty.covariance_of_intrinsics)
     )
     stamp = None
     with suppress(InputError):  # The drive may have been moved or deleted.
         stamp = first_stamp(read_drive(path.parent / calibration.input.drive))
     camera = camera_hash(calibration.used_camera)
-    return FleetDrive(str(path), stamp, calibration.pose, covariance, left_out, camera, topic, of_intrinsics)
+    return FleetDrive(
+        str(path), stamp, calibration.pose, covariance, left_out, camera, topic, covariance_of_intrinsics
+    )
 
 
 def _why_left_out(

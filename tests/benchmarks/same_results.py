@@ -71,7 +71,7 @@ class Differences:
     num_numbers: int = 0
 
     def kinds(self) -> dict[str, list[str]]:
-        """Give the lists by their names."""
+        """Return the lists by their names."""
         return {name: value for name, value in vars(self).items() if isinstance(value, list)}
 
 
@@ -149,7 +149,7 @@ def read_cases(path: Path, data: Path) -> dict[str, list[str]]:
 
 
 def commands_of(name: str, given: Sequence[str], data: Path) -> list[str]:
-    """Give the commands of a case; the drives lie beside the folders of both versions."""
+    """Return the commands of a case; the drives lie beside the folders of both versions."""
     meanings = {"CASE": name, "@": "../../drives/", "$data": f"{data}"}
     return [re.sub(r"CASE|@|\$data", lambda found: meanings[found[0]], text) for text in given]
 
@@ -168,7 +168,7 @@ def run_case(semcal: Path, commands: Sequence[str], folder: Path) -> list[int]:
 
 
 def run_before(semcal: Path, name: str, cases: dict[str, list[str]], work: Path) -> list[int]:
-    """Give the exit codes of the version before, from an earlier call if its results are there."""
+    """Return the exit codes of the version before, from an earlier call if its results are there."""
     commands = cases[name]
     kept, asked = work / f"before/{name}.json", [str(semcal), *cases["synth"], *commands]
     record = json.loads(kept.read_text()) if kept.exists() else {}
@@ -207,7 +207,7 @@ def read_result(path: Path, folder: Path) -> Any:
 
 
 def as_number(value: Any) -> Any:
-    """Give the number that a text holds, or anything else as it is."""
+    """Return the number that a text holds, or anything else as it is."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:

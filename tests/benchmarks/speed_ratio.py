@@ -91,7 +91,7 @@ def row(name: str, runs: list[tuple[Ended, Ended]]) -> tuple[str, ...]:
 
 
 def stage_rows(of_drive: str, runs: list[tuple[Ended, Ended]]) -> Iterator[tuple[str, str, str]]:
-    """Give the median time of each stage, and what is left of the whole process: start, hashes and results."""
+    """Return the median time of each stage, and what is left of the whole process: start, hashes and results."""
 
     def stages(run: Ended) -> dict[str, float]:
         found = {name: float(seconds) for name, seconds in STAGE.findall(run.messages)}

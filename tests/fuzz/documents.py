@@ -88,7 +88,7 @@ def fuzz_all(runs: int, seed: int, memory: Path) -> bool:
 
 
 def tell(name: str, is_good: bool, log: str) -> None:
-    """Say how many documents were tried, or what was found."""
+    """Describe how many documents were tried, or what was found."""
     lines = log.splitlines()
     if is_good:
         print(f"{name}:", *(line for line in lines if line.startswith("Done")), flush=True)

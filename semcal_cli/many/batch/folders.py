@@ -118,7 +118,7 @@ def claim_folder(folder: Path) -> Iterator[int]:
 
 
 def is_still_claimed(lock: int, folder: Path) -> bool:
-    """Whether the folder of a lock is still there; a person may have removed or replaced it."""
+    """Return whether the folder of a lock is still there; a person may have removed or replaced it."""
     with suppress(OSError):
         return os.path.samestat(os.fstat(lock), os.lstat(folder / LOCK))
     return False

@@ -174,7 +174,7 @@ def execute_task(folder: Path, worker: Worker, run: Run, task: Task) -> Outcome:
 
 
 def is_of_machine(failure: BaseException | None, folder: Path) -> bool:
-    """Whether the machine, and not the drive, made a run fail, so that another run may succeed without any change.
+    """Return whether the machine, and not the drive, made a run fail, so that another run may succeed.
 
     Args:
         failure: The error that ended the run, if any.
