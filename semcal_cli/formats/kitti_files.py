@@ -11,7 +11,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import read_text
@@ -19,7 +18,7 @@ from semcal_cli.files.output_files import descriptor
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.node import Node, parse_numbers, rigid
 from semcal_cli.formats.pose import from_line, from_rows, rotation, transform
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.geometry.poses import inverse
 
 CAMERAS = ("P0", "P1", "P2", "P3")
@@ -65,7 +64,7 @@ def _keys(source: Source) -> set[str]:
     return set(parse_keyed(source.path, source.start).value)
 
 
-def _row(values: npt.NDArray[np.float64]) -> str:
+def _row(values: Numbers) -> str:
     """Write numbers by rows on one line."""
     return " ".join(map(repr, values.ravel().tolist()))
 

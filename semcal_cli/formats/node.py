@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, counted, describe, listed, one_of
 from semcal_cli.files.validation import key_part, validate
-from semcal_cli.geometry.arrays import Pose, Vector
+from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 from semcal_cli.geometry.poses import check_rigid, nearest_rigid
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -108,7 +107,7 @@ class Node:
         values: list[Any] = node.value
         return values
 
-    def matrix(self, rows: int, columns: int) -> npt.NDArray[np.float64]:
+    def matrix(self, rows: int, columns: int) -> Matrix:
         """Read a matrix (rows, columns) from a list of its numbers by rows."""
         return np.reshape(self.numbers(rows * columns), (rows, columns))
 

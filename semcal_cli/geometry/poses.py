@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from semcal_cli import core
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.arrays import Pose, Vector
+from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 
 RIGID_TOLERANCE = 1e-3
 """Maximum error of a rotation written by hand: three or four decimals pass, a wrong matrix does not."""
@@ -161,7 +161,7 @@ def inverse(T_a_b: Pose) -> Pose:
     return T_b_a
 
 
-def cross_matrix(vector: Vector) -> NDArray[np.float64]:
+def cross_matrix(vector: Vector) -> Matrix:
     """Matrix (3, 3) [a]_x of the cross product, [a]_x b = a x b."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import InputError, describe
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.importing.dataset_tree import need_folder
 from semcal_cli.importing.ontologies import Ontology
 
@@ -48,7 +48,7 @@ class Request:
 class Cloud:
     """A point cloud that had to be converted."""
 
-    points: npt.NDArray[np.float32]
+    points: Points
     """(N, 4) x, y, z in metres in the LiDAR frame, and the intensity, 0 where unknown."""
     labels: npt.NDArray[np.uint32] | None
     """(N,) ids of the points; None without labels."""

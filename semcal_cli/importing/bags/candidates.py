@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from typing import BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 
-from semcal_cli.geometry.arrays import Values
+from semcal_cli.geometry.arrays import Numbers, Values, Vector
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import thumbnail
 from semcal_cli.importing.bags.messages import NS, Message, MessageError
@@ -168,7 +167,7 @@ def choose(
     ]
 
 
-def _path_lengths_m(positions: Sequence[npt.NDArray[np.float64] | None]) -> npt.NDArray[np.float64] | None:
+def _path_lengths_m(positions: Sequence[Vector | None]) -> Numbers | None:
     """Compute the path length up to each position (N,), metres; None if the path is short or a position is unknown."""
     known_positions = [position for position in positions if position is not None]
     if len(known_positions) < max(len(positions), 2):
@@ -194,9 +193,7 @@ def longest_ascending(values: Sequence[int]) -> list[int]:
     return indices[::-1]
 
 
-def _most_different(
-    thumbnails: Sequence[Values], count: int, path_lengths_m: npt.NDArray[np.float64] | None
-) -> list[int]:
+def _most_different(thumbnails: Sequence[Values], count: int, path_lengths_m: Numbers | None) -> list[int]:
     """Choose `count` pairs that are far apart along the path or whose images differ, in ascending order.
 
     Args:
@@ -210,9 +207,9 @@ def _most_different(
     positions = np.zeros(len(thumbnails), np.float32) if path_lengths_m is None else path_lengths_m
     rows = np.column_stack([positions, np.stack(thumbnails)])
 
-    def distances(rows: npt.NDArray[np.float64], row: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def distances(rows: Numbers, row: Numbers) -> Numbers:
         apart = np.abs(rows - row)
-        distance: npt.NDArray[np.float64] = apart[:, 0] + apart[:, 1:].mean(axis=1)
+        distance: Numbers = apart[:, 0] + apart[:, 1:].mean(axis=1)
         return distance
 
     return farthest_points(rows, count, distances)

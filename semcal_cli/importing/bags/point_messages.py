@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.errors import counted, listed
+from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
 from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, NS, VELODYNE, Message, MessageError
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -58,11 +59,11 @@ class Sweep(NamedTuple):
     """(height, width) records of all fields, little endian and without gaps."""
     times: PointTimes
     """Times of its points."""
-    seconds: npt.NDArray[np.float64] | None = None
+    seconds: Numbers | None = None
     """(height, width) times of its points after the stamp; None without times on the clock of the header."""
 
     @property
-    def points(self) -> npt.NDArray[np.float32]:
+    def points(self) -> Points:
         """Points (N, 3), metres."""
         return np.stack([self.records[axis].astype(np.float32).ravel() for axis in "xyz"], axis=1)
 
@@ -118,11 +119,11 @@ def _count(field: np.dtype[Any]) -> int:
     return int(np.prod(field.shape, dtype=int))
 
 
-def _has_range(records: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
+def _has_range(records: npt.NDArray[np.void]) -> Mask:
     """Whether each point (height, width) is finite and not at the sensor."""
     axes = np.stack([records[axis].astype(np.float32) for axis in "xyz"])
     with np.errstate(invalid="ignore"):
-        has_range: npt.NDArray[np.bool_] = np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)
+        has_range: Mask = np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)
     return has_range
 
 
@@ -235,9 +236,7 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
     return packed.reshape(1, -1)
 
 
-def _with_readable_times(
-    records: npt.NDArray[np.void], has_range: npt.NDArray[np.bool_], stamp_ns: int
-) -> Sweep:
+def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_ns: int) -> Sweep:
     """Find out what the times of points refer to, and convert them if no reader could read them.
 
     Readers take whole numbers for nanoseconds and others for seconds. Times in another unit, or under a name that no
@@ -279,7 +278,7 @@ def _with_readable_times(
     return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
 
 
-def _ends(values: npt.NDArray[Any]) -> tuple[float, float]:
+def _ends(values: Array) -> tuple[float, float]:
     """Find the first and the last finite time; zeros without one."""
     finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
@@ -292,9 +291,7 @@ def _shift(first: float, tick_s: float, stamp_ns: int) -> int | None:
     return near[0] if near else None
 
 
-def _with_times(
-    records: npt.NDArray[np.void], name: str, seconds: npt.NDArray[np.float64]
-) -> npt.NDArray[np.void]:
+def _with_times(records: npt.NDArray[np.void], name: str, seconds: Numbers) -> npt.NDArray[np.void]:
     """Replace a field by times in seconds, under the preferred name."""
     layout = records.dtype
     changed = records.astype(

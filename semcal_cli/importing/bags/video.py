@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.config import MAX_PIXELS
+from semcal_cli.geometry.arrays import Image
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import PNG_SPEED
 from semcal_cli.importing.bags.messages import COMPRESSED, FFMPEG, NS, Message, MessageError, Topic
@@ -174,7 +174,7 @@ class _Decoder:
         first = min([frame.pts for frame in self._ready if frame.pts is not None], default=self._next)
         return group is self._group and index >= first and not (self._is_flushed and index >= self._next)
 
-    def frame(self, index: int) -> npt.NDArray[np.uint8]:
+    def frame(self, index: int) -> Image:
         """Decode the frames up to one, and return that one (H, W, 3): blue, green, red.
 
         Raises:
