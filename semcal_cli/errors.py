@@ -135,7 +135,7 @@ def os_reason(error: OSError) -> str:
 
 
 def is_installed(package: str) -> bool:
-    """Whether a library is installed; it is not imported."""
+    """Return whether a library is installed; it is not imported."""
     with suppress(ImportError):
         return find_spec(package) is not None
     return False

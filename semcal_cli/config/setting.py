@@ -56,7 +56,7 @@ class Setting:
         return get_args(self.kind) if get_origin(self.kind) is Literal else ()
 
     def allows(self, value: Any) -> bool:
-        """Whether a value has the type and is within the limits.
+        """Return whether a value has the type and is within the limits.
 
         A whole number also counts as a number. Truth values, NaN and infinity do not.
         """

@@ -37,7 +37,7 @@ class Form(NamedTuple):
         return f"({', '.join(map(str, self.shape))}{',' * (len(self.shape) == 1)})"
 
     def fits(self, shape: tuple[int, ...]) -> bool:
-        """Tell whether an array has this shape."""
+        """Return whether an array has this shape."""
         if len(shape) != len(self.shape):
             return False
         return all(

@@ -93,7 +93,7 @@ def size_in_header(path: Path, file: BinaryIO) -> Size:
 
 
 def holds_colors(path: Path) -> bool:
-    """Tell whether a label image is a PNG of colours, whose pixels are not ids.
+    """Return whether a label image is a PNG of colours, whose pixels are not ids.
 
     Raises:
         InputError: the file is missing or cannot be read.

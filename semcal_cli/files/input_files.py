@@ -29,14 +29,14 @@ _PIECE_BYTES = 1 << 20
 
 
 def is_folder(path: Path) -> bool:
-    """Tell whether a path is a folder; names that are too long for the system are not."""
+    """Return whether a path is a folder; names that are too long for the system are not."""
     with suppress(OSError):
         return path.is_dir()
     return False
 
 
 def is_same_file(a: Path, b: Path) -> bool:
-    """Tell whether two paths lead to the same file, also through links."""
+    """Return whether two paths lead to the same file, also through links."""
     return os.path.realpath(a) == os.path.realpath(b)
 
 
@@ -62,7 +62,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def size_of(file: BinaryIO) -> int:
-    """Size of an open file in bytes."""
+    """Return the size of an open file in bytes."""
     return os.fstat(file.fileno()).st_size
 
 

@@ -153,25 +153,25 @@ def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
 
 
 def pick(
-    kind: str, name: str | None, names: Sequence[str], where: object, *, usual: str | None = None
+    kind: str, name: str | None, names: Sequence[str], where: object, *, default: str | None = None
 ) -> str:
-    """Choose a sequence, a camera or the like: the named one, or else the usual one, or else the only one.
+    """Choose a sequence, a camera or the like: the named one, or else the default, or else the only one.
 
     Args:
         kind: What is chosen, for messages.
         name: The name that the user gives, if any.
         names: All names.
         where: The file or folder, for messages.
-        usual: Default name.
+        default: Default name.
     """
-    choice = usual if name is None else name
+    choice = default if name is None else name
     if not names:
-        raise InputError(f"{where}: found no {kind}, needed {usual or 'one'}")
+        raise InputError(f"{where}: found no {kind}, needed {default or 'one'}")
     if choice in names:
         return str(choice)
     if choice is None and len(names) == 1:
         return names[0]
-    problem = "none given" + (f", and no {usual}" if usual else "") if name is None else f"found {name!r}"
+    problem = "none given" + (f", and no {default}" if default else "") if name is None else f"found {name!r}"
     raise InputError(f"{where}: {kind}: {problem}, needed {one_of(choice or '', names)}")
 
 

@@ -20,7 +20,7 @@ SMALL_TURN = 1e-3
 
 
 def rotation_matrix(rotation_vector: Vector) -> Matrix:
-    """Matrix exp(phi), (3, 3), of a rotation vector in radians, by its unit quaternion.
+    """Compute the matrix exp(phi), (3, 3), of a rotation vector in radians, by its unit quaternion.
 
     The arithmetic is SciPy's, without the time that SciPy takes to load.
     """
@@ -53,9 +53,9 @@ def adjoint(T: Pose) -> Matrix:
 def displace(T: Pose, angle_deg: float, distance_m: float, rng: np.random.Generator) -> Pose:
     """Turn a camera by an angle about a random axis, and move its centre by a distance in a random direction."""
     axis, direction = rng.standard_normal((2, 3))
-    turn = rotation_matrix(np.radians(angle_deg) * axis / np.linalg.norm(axis))
+    rotation = rotation_matrix(np.radians(angle_deg) * axis / np.linalg.norm(axis))
     moved: Pose = np.eye(4)
-    moved[:3, :3] = turn @ T[:3, :3]
+    moved[:3, :3] = rotation @ T[:3, :3]
     center = camera_center(T) + distance_m * direction / np.linalg.norm(direction)
     moved[:3, 3] = -moved[:3, :3] @ center
     return moved
@@ -70,7 +70,7 @@ def apply_motion(T: Pose, rotation: Matrix, translation: Vector) -> Pose:
 
 
 def inverse_left_jacobian(rotation_vector: Vector) -> Matrix:
-    """Matrix J_l^-1 of SO(3), (3, 3): the change of log(exp(delta) R) with delta (Solà et al., eq. 146)."""
+    """Compute J_l^-1 of SO(3), (3, 3): the change of log(exp(delta) R) with delta (Solà et al., eq. 146)."""
     cross = cross_matrix(rotation_vector)
     angle = float(np.linalg.norm(rotation_vector))
     if angle < SMALL_ANGLE:
@@ -80,7 +80,7 @@ def inverse_left_jacobian(rotation_vector: Vector) -> Matrix:
 
 
 def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> Vectors:
-    """Local coordinates (N, 6), (rho, phi), of poses about a reference, which are twists to first order.
+    """Compute local coordinates (N, 6), (rho, phi), of poses about a reference, which are twists to first order.
 
     With the camera centre c, rho = -R_ref (c - c_ref) and phi = log(R R_ref^T).
     """
@@ -91,7 +91,7 @@ def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> Vectors:
 
 
 def camera_motions(coordinates: Vectors) -> Vectors:
-    """Motions (N, 6) of the camera along and about its own axes, metres and degrees, from local coordinates (N, 6).
+    """Convert local coordinates (N, 6) to motions (N, 6) of the camera along and about its axes, metres and degrees.
 
     A twist on the left of T_camera_lidar moves the camera by the opposite twist.
     """
@@ -99,7 +99,7 @@ def camera_motions(coordinates: Vectors) -> Vectors:
 
 
 def pose_at(T_reference: Pose, coordinates: TwistVector) -> Pose:
-    """Pose (4, 4) that has these local coordinates about a reference."""
+    """Compute the pose (4, 4) that has these local coordinates about a reference."""
     T: Pose = np.eye(4)
     T[:3, :3] = rotation_matrix(coordinates[3:]) @ T_reference[:3, :3]
     T[:3, 3] = -T[:3, :3] @ (camera_center(T_reference) - T_reference[:3, :3].T @ coordinates[:3])

@@ -79,7 +79,7 @@ def writable_name(path: Path, name: str) -> str:
 
 
 def _is_writable(name: str) -> bool:
-    """Whether a drive.yaml, which is UTF-8, can hold a name."""
+    """Return whether a drive.yaml, which is UTF-8, can hold a name."""
     with suppress(UnicodeEncodeError):
         return b"\0" not in name.encode("utf-8")
     return False

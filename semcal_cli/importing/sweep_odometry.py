@@ -29,7 +29,7 @@ RANGES_M = 1.5, 100.0
 VOXEL_M = 1.0
 MAX_GAP_NS = NS // 2
 """Longest time from one sweep or pose to the next. After a longer gap between sweeps, the odometry starts anew."""
-WARM_UPS = 4
+NUM_WARM_UPS = 4
 """How many times the first two sweeps are registered, each time deskewed with the motion found before."""
 SPEEDS_M_S = np.linspace(-40.0, 40.0, 81)
 OVERLAP_M, CLEAR_OVERLAP = 0.5, 0.003
@@ -63,11 +63,11 @@ def estimator() -> str:
 
 
 def are_covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
-    """Whether poses with these ascending stamps lie close before and after each of the moments."""
-    places = [bisect_left(stamps_ns, moment) for moment in moments_ns]
+    """Return whether poses with these ascending stamps lie close before and after each of the moments."""
+    indices = [bisect_left(stamps_ns, moment) for moment in moments_ns]
     return all(
-        0 < place < len(stamps_ns) and stamps_ns[place] - stamps_ns[place - 1] <= MAX_GAP_NS
-        for place in places
+        0 < index < len(stamps_ns) and stamps_ns[index] - stamps_ns[index - 1] <= MAX_GAP_NS
+        for index in indices
     )
 
 
@@ -151,16 +151,16 @@ class Odometry:
         motions = []
         for start in ([0.0] * 6, _best_speed(first, second)):
             self._twist_per_s = start
-            for _ in range(WARM_UPS):
+            for _ in range(NUM_WARM_UPS):
                 self._kiss = _kiss_icp()
                 self._kiss.last_pose = self._last_pose
                 self._register(first, 0)
                 self._twist_per_s = self._register(second, second.moment_ns - first.moment_ns)
             motions.append((_overlap(first, second, self._twist_per_s), self._kiss, self._twist_per_s))
-        (other, _, twist), (best, self._kiss, self._twist_per_s) = sorted(
+        (second_best, _, twist), (best, self._kiss, self._twist_per_s) = sorted(
             motions, key=lambda motion: motion[0]
         )
-        if _jumps(twist, self._twist_per_s) and best - other < CLEAR_OVERLAP:
+        if _jumps(twist, self._twist_per_s) and best - second_best < CLEAR_OVERLAP:
             self._doubt(second)
         self._keep(second, self._kiss.last_pose)
 

@@ -63,7 +63,7 @@ class Spool:
     def get(self, candidate: SpooledPair) -> tuple[Message, Message]:
         """Read the sweep and the image of a pair; several threads may do so."""
         number = self._file.fileno()
-        raw = [os.pread(number, place.stop - place.start, place.start) for place in candidate.places]
+        raw = [os.pread(number, span.stop - span.start, span.start) for span in candidate.places]
         return replace(candidate.pair.sweep, raw=raw[0]), replace(candidate.pair.image, raw=raw[1])
 
     def _append(self, content: bytes) -> slice:
@@ -155,12 +155,12 @@ def choose(
         if trajectory is None
         else _path_lengths_m([trajectory.position(candidate.pair.sweep_ns) for candidate in ascending])
     )
-    why = (
+    reason = (
         "their images are like those of others"
         if path_lengths_m is None
         else "others are spread better along the path"
     )
-    left_out[f"pairs: {why}"] += len(ascending) - count
+    left_out[f"pairs: {reason}"] += len(ascending) - count
     return [
         ascending[index]
         for index in _most_different([candidate.thumbnail for candidate in ascending], count, path_lengths_m)
@@ -186,10 +186,10 @@ def longest_ascending(values: Sequence[int]) -> list[int]:
         before.append(ends[length - 1] if length else None)
         ends[length:] = [index, *ends[length + 1 :]]
     indices: list[int] = []
-    place = ends[-1] if ends else None
-    while place is not None:
-        indices.append(place)
-        place = before[place]
+    last = ends[-1] if ends else None
+    while last is not None:
+        indices.append(last)
+        last = before[last]
     return indices[::-1]
 
 

@@ -120,7 +120,7 @@ def _count(field: np.dtype[Any]) -> int:
 
 
 def _has_range(records: npt.NDArray[np.void]) -> Mask:
-    """Whether each point (height, width) is finite and not at the sensor."""
+    """Return whether each point (height, width) is finite and not at the sensor."""
     axes = np.stack([records[axis].astype(np.float32) for axis in "xyz"])
     with np.errstate(invalid="ignore"):
         has_range: Mask = np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)
@@ -179,23 +179,23 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
     order, raw = message.byte_order, message.raw
     layout = np.dtype([(name, order + kind) for name, kind in LIVOX_POINT], align=not message.topic.is_ros1)
     packed = np.dtype([(name, f"<{kind}") for name, kind in LIVOX_POINT])
-    place = HEADER_BYTES + (
+    offset = HEADER_BYTES + (
         struct.unpack_from(f"{order}I", raw, HEADER_BYTES - 4)[0] if len(raw) >= 16 else 0
     )
     if not message.topic.is_ros1:
-        place += (CDR_BYTES - place) % 8
-    place += 8 + 4 + 4  # timebase, point_num, and lidar_id with its reserved bytes
-    if place + 4 > len(raw):
+        offset += (CDR_BYTES - offset) % 8
+    offset += 8 + 4 + 4  # timebase, point_num, and lidar_id with its reserved bytes
+    if offset + 4 > len(raw):
         raise MessageError(
             f"found {counted(len(raw), 'byte')} of something else, needed a {message.topic.type}"
         )
-    (count,) = struct.unpack_from(f"{order}I", raw, place)
+    (count,) = struct.unpack_from(f"{order}I", raw, offset)
     if count == 0:
         raise MessageError("found a cloud without points")
     # The last point has no padding after it.
-    if count > MAX_POINTS or place + 4 + (count - 1) * layout.itemsize + packed.itemsize > len(raw):
+    if count > MAX_POINTS or offset + 4 + (count - 1) * layout.itemsize + packed.itemsize > len(raw):
         raise MessageError(f"found {counted(count, 'point')} in {counted(len(raw), 'byte')}")
-    padded = raw[place + 4 :] + bytes(layout.itemsize - packed.itemsize)
+    padded = raw[offset + 4 :] + bytes(layout.itemsize - packed.itemsize)
     return np.frombuffer(padded, layout, count).astype(packed).reshape(1, count)
 
 
@@ -287,8 +287,8 @@ def _ends(values: Array) -> tuple[float, float]:
 def _shift(first: float, tick_s: float, stamp_ns: int) -> int | None:
     """Find what to subtract from times to make them relative, in their own unit; None if they are on another clock."""
     stamp = round(stamp_ns / (tick_s * NS))
-    near = [shift for shift in (0, stamp) if abs(first - shift) * tick_s <= LONGEST_SWEEP_S]
-    return near[0] if near else None
+    shifts = [shift for shift in (0, stamp) if abs(first - shift) * tick_s <= LONGEST_SWEEP_S]
+    return shifts[0] if shifts else None
 
 
 def _with_times(records: npt.NDArray[np.void], name: str, seconds: Numbers) -> npt.NDArray[np.void]:
