@@ -39,7 +39,7 @@ class CalibrationError(SemcalError):
 
 
 @contextmanager
-def about(path: Path) -> Iterator[None]:
+def name_in_errors(path: Path) -> Iterator[None]:
     """Name the file in the errors of a stage that does not know it."""
     try:
         yield
