@@ -5,7 +5,7 @@
 
 ADDRESS = "https://semcal.readthedocs.io"
 """Address of the site that is built from the folder `docs`."""
-WITH_SCHEMA = (
+SCHEMA_KEYS = (
     *("semcal_drive", "semcal_rig", "semcal_calibration", "semcal_rig_calibration"),
     *("semcal_image_model", "semcal_point_model"),
 )

@@ -39,7 +39,7 @@ class CalibrationError(SemcalError):
 
 
 @contextmanager
-def about(path: Path) -> Iterator[None]:
+def name_in_errors(path: Path) -> Iterator[None]:
     """Name the file in the errors of a stage that does not know it."""
     try:
         yield
@@ -135,7 +135,7 @@ def os_reason(error: OSError) -> str:
 
 
 def is_installed(package: str) -> bool:
-    """Whether a library is installed; it is not imported."""
+    """Return whether a library is installed; it is not imported."""
     with suppress(ImportError):
         return find_spec(package) is not None
     return False

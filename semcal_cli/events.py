@@ -47,4 +47,4 @@ def movement(moved: PoseError) -> str:
 
 
 def ignore(event: Event) -> None:
-    """Listener that does nothing."""
+    """Ignore an event."""

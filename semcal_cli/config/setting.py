@@ -56,7 +56,7 @@ class Setting:
         return get_args(self.kind) if get_origin(self.kind) is Literal else ()
 
     def allows(self, value: Any) -> bool:
-        """Whether a value has the type and is within the limits.
+        """Return whether a value has the type and is within the limits.
 
         A whole number also counts as a number. Truth values, NaN and infinity do not.
         """
@@ -105,15 +105,15 @@ class Setting:
         return " ".join([*words, "on"] if self.minimum is not None and is_open else words)
 
 
-def setting(default: Any, help: str = "", **about: Any) -> Any:
+def setting(default: Any, help: str = "", **attributes: Any) -> Any:
     """Make a field of a dataclass that is a setting.
 
     Args:
         default: Its default; None where something else decides.
         help: Sentence in the help; empty if the field itself is not an option.
-        about: Other attributes of `Setting`.
+        attributes: Other attributes of `Setting`.
     """
-    return field(default=default, metadata={KEY: Setting(help, default=default, **about)})
+    return field(default=default, metadata={KEY: Setting(help, default=default, **attributes)})
 
 
 @cache
@@ -124,9 +124,9 @@ def settings_of(config: type, *, with_others: bool = False) -> dict[str, Setting
         if KEY in config_field.metadata or with_others:
             kind = hints[config_field.name]
             is_optional = get_origin(kind) is not Literal and NoneType in get_args(kind)
-            about = config_field.metadata.get(KEY, Setting())
+            of_field = config_field.metadata.get(KEY, Setting())
             kind = get_args(kind)[0] if is_optional else kind
-            settings[config_field.name] = replace(about, kind=kind, is_optional=is_optional)
+            settings[config_field.name] = replace(of_field, kind=kind, is_optional=is_optional)
     return settings
 
 
@@ -137,10 +137,10 @@ def check_settings(config: Any) -> None:
         InputError: a value has the wrong type, is not one of the allowed words, or is out of range.
     """
     of_config: type = type(config)
-    for name, about in settings_of(of_config, with_others=True).items():
+    for name, of_field in settings_of(of_config, with_others=True).items():
         value = getattr(config, name)
-        if not about.allows(value):
+        if not of_field.allows(value):
             description = type(value).__name__ if is_dataclass(value) else repr(value)
-            raise InputError(f"{name}: found {description}, needed {about.needed(value)}")
+            raise InputError(f"{name}: found {description}, needed {of_field.needed(value)}")
         if is_dataclass(value):
             check_settings(value)

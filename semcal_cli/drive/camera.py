@@ -53,8 +53,8 @@ class Interval(NamedTuple):
         """
         inside = self.low < value < self.high or (not self.is_open and value in (self.low, self.high))
         if not inside:
-            least, most = ("more than", "less than") if self.is_open else ("at least", "at most")
-            raise mismatch(f"{name} {value}", f"{least} {self.low:g} and {most} {self.high:g}")
+            lower, upper = ("more than", "less than") if self.is_open else ("at least", "at most")
+            raise mismatch(f"{name} {value}", f"{lower} {self.low:g} and {upper} {self.high:g}")
 
 
 class LensModel(NamedTuple):
@@ -87,7 +87,7 @@ CAMERA_MODELS: dict[CameraModel, LensModel] = {
     "double_sphere": LensModel((), (0,), _SPHERES),
 }
 """The lens of each camera model."""
-OF_K = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
+K_ENTRIES = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
 """Row and column of each in the matrix K."""
 
 
@@ -189,9 +189,9 @@ class Camera(StrictModel):
         if len(distortion) not in lens.counts:
             needed = " or ".join(map(str, lens.counts))
             raise mismatch(counted(len(distortion), "coefficient"), f"{needed} for {model}")
-        for place, interval in lens.angles.items():
-            if place < len(distortion):
-                interval.check(f"[{place}]", distortion[place])
+        for index, interval in lens.angles.items():
+            if index < len(distortion):
+                interval.check(f"[{index}]", distortion[index])
         return distortion
 
     @field_validator("parameters")
@@ -232,7 +232,7 @@ def core_camera(camera: Camera) -> core.Camera:
 
 def intrinsic_names(model: CameraModel) -> tuple[str, ...]:
     """List the names of all intrinsics of a model: those of K, distortion coefficients, and parameters."""
-    return (*OF_K, *CAMERA_MODELS[model].coefficients, *CAMERA_MODELS[model].parameters)
+    return (*K_ENTRIES, *CAMERA_MODELS[model].coefficients, *CAMERA_MODELS[model].parameters)
 
 
 def check_intrinsics(names: tuple[str, ...], camera: Camera, where: str) -> None:
@@ -264,14 +264,14 @@ def with_all_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
 
 def without_last_zeros(camera: Camera) -> Camera:
     """Remove the trailing zeros of a lens, so that equal lenses have equal coefficients."""
-    count = max((place for place, value in enumerate(camera.distortion, 1) if value), default=0)
+    count = max((number for number, value in enumerate(camera.distortion, 1) if value), default=0)
     return camera.model_copy(update={"distortion": camera.distortion[:count]})
 
 
 def intrinsic_value(camera: Camera, name: str) -> float:
     """Return the value of an intrinsic; 0 for a coefficient that the lens leaves out."""
-    if name in OF_K:
-        row, column = OF_K[name]
+    if name in K_ENTRIES:
+        row, column = K_ENTRIES[name]
         return camera.K[row][column]
     if name in camera.parameters:
         return camera.parameters[name]
@@ -289,8 +289,8 @@ def with_intrinsics(camera: Camera, values: Mapping[str, float]) -> Camera:
     document = camera.model_dump()
     K, distortion = [list(row) for row in camera.K], list(camera.distortion)
     for name, value in values.items():
-        if name in OF_K:
-            row, column = OF_K[name]
+        if name in K_ENTRIES:
+            row, column = K_ENTRIES[name]
             K[row][column] = value
         elif name in camera.parameters:
             document["parameters"][name] = value
@@ -299,13 +299,13 @@ def with_intrinsics(camera: Camera, values: Mapping[str, float]) -> Camera:
     document |= {"K": tuple(map(tuple, K)), "distortion": tuple(distortion)}
     if camera.intrinsics_sigma is not None:
         # The stated uncertainty of a replaced value does not hold for the new one.
-        document["intrinsics_sigma"] |= {name: 0.0 for name in OF_K if name in values}
+        document["intrinsics_sigma"] |= {name: 0.0 for name in K_ENTRIES if name in values}
     return Camera.model_validate(document)
 
 
 def core_name(camera: Camera, name: str) -> str:
     """Name an intrinsic as the core does: lens parameters by their index."""
-    if name in OF_K:
+    if name in K_ENTRIES:
         return name
     of_lens = CAMERA_MODELS[camera.model].coefficients[: len(camera.distortion)]
     return str((*of_lens, *sorted(camera.parameters)).index(name))

@@ -33,7 +33,7 @@ SUFFIXES = (".yaml", ".yml")
 """Suffixes of a drive's file; any other name is its folder."""
 RIG = "semcal_rig"
 """Version key of a rig."""
-OF_RIG = (
+RIG_FOUND = (
     "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, needed the drive of one of "
     "its cameras"
 )
@@ -310,10 +310,10 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     path = Path(path)
     file = drive_file(path)
     if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
-        raise InputError(f"{path / RIG_FILE}: {OF_RIG}")
+        raise InputError(f"{path / RIG_FILE}: {RIG_FOUND}")
     document = read_document(file)
     if RIG in document:
-        raise InputError(f"{file}: {OF_RIG}")
+        raise InputError(f"{file}: {RIG_FOUND}")
     if CALIBRATIONS & document.keys():
         raise MisplacedError(f"{file}: found a calibration, needed a drive")
     drive = validate(Drive, document, file)

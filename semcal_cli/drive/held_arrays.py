@@ -28,7 +28,7 @@ STAMPS = {"points_stamps": "points_stamp", "image_stamps": "image_stamp"}
 """The lists of times, with one time per frame, and the frame keys that hold them."""
 TIMES = "point_times"
 """The list of point times, which a drive has in the files of its sweeps."""
-OF_DRIVE = (
+DRIVE_KEYS = (
     "camera",
     "lidar",
     "ignore",
@@ -137,7 +137,7 @@ def document_of(arrays: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
                 frames[index][key] = float(stamp)
             except (TypeError, ValueError):
                 raise InputError(f"{argument}[{index}]: found {describe(stamp)}, needed seconds") from None
-    document = {key: arrays[key] for key in OF_DRIVE if key in arrays}  # type: ignore[literal-required]
+    document = {key: arrays[key] for key in DRIVE_KEYS if key in arrays}  # type: ignore[literal-required]
     if "poses" in arrays:
         check_array(POSES, arrays["poses"], [Form(("M", 8))])
         by_name[POSES] = arrays["poses"]

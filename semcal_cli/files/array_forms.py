@@ -11,13 +11,12 @@ from types import SimpleNamespace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.arrays import Array
+from semcal_cli.geometry.arrays import Array, Image, Mask, Numbers, Points, RawIds, Values
 
-Labels: TypeAlias = npt.NDArray[np.uint16] | core.ClassShares
+Labels: TypeAlias = RawIds | core.ClassShares
 """Raw ids of pixels or points, or their probabilities."""
 MAX_ID = 65_535
 """Maximum id of a class."""
@@ -38,7 +37,7 @@ class Form(NamedTuple):
         return f"({', '.join(map(str, self.shape))}{',' * (len(self.shape) == 1)})"
 
     def fits(self, shape: tuple[int, ...]) -> bool:
-        """Tell whether an array has this shape."""
+        """Return whether an array has this shape."""
         if len(shape) != len(self.shape):
             return False
         return all(
@@ -77,15 +76,15 @@ def check_array(name: str, array: object, forms: Sequence[Form]) -> None:
 class ArrayCloud:
     """A sweep with the fields of `core.PointCloud`, which shares memory with a program's arrays where possible."""
 
-    points: npt.NDArray[np.float32]
+    points: Points
     """(N, 3) metres, LiDAR frame, without no-returns: entries that are not finite or all zero."""
-    is_return: npt.NDArray[np.bool_]
+    is_return: Mask
     """Which of the given entries are points."""
-    intensity: npt.NDArray[np.float32] | None
+    intensity: Values | None
     """(N,) as given."""
-    time: npt.NDArray[np.float64] | None
+    time: Numbers | None
     """(N,) seconds."""
-    labels: npt.NDArray[np.uint16] | None
+    labels: RawIds | None
     """(N,) raw class ids."""
     label_shares: core.ClassShares | None
     """Probabilities of raw class ids instead."""
@@ -168,7 +167,7 @@ def _shares_of(name: str, probabilities: Array) -> core.ClassShares:
     return shares
 
 
-def image_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def image_of(image: Image) -> Image:
     """Convert an image (H, W) or (H, W, 3), red, green, blue, to the form of a file's: (H, W, 3) blue, green, red."""
     if image.ndim == 2:
         return np.repeat(image[..., None], 3, axis=2)

@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 
 import yaml
 
-from semcal_cli.documentation import WITH_SCHEMA, schema_address
+from semcal_cli.documentation import SCHEMA_KEYS, schema_address
 from semcal_cli.errors import InputError, describe, mismatch
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
 from semcal_cli.files.output_files import descriptor
@@ -202,7 +202,7 @@ def document_text(document: Mapping[str, Any], format: DocumentFormat) -> str:
     if format == "json":
         return json.dumps(plain, indent=2, allow_nan=False) + "\n"
     key, comment = next(iter(plain), ""), ""
-    if key in WITH_SCHEMA:
+    if key in SCHEMA_KEYS:
         comment = f"# yaml-language-server: $schema={schema_address(key, plain[key])}\n"
     return comment + yaml.dump(plain, Dumper=_DUMPER, sort_keys=False, width=LONGEST_LINE)
 

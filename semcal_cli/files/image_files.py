@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.input_files import check_size, open_file, size_of
 from semcal_cli.files.output_files import write_bytes
+from semcal_cli.geometry.arrays import Image
 
 BYTES_PER_PIXEL, MORE_BYTES = 8, 1 << 24
 """Maximum size of an image file: bytes per pixel, and bytes for anything else, such as a preview."""
@@ -29,7 +29,7 @@ Size: TypeAlias = tuple[int, int]
 """Columns and rows."""
 
 
-def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
+def read_image(path: Path, size: Size | None = None) -> Image:
     """Read a colour image with its pixels as stored; its EXIF orientation is ignored.
 
     The size in its header is checked before the image is decoded.
@@ -93,7 +93,7 @@ def size_in_header(path: Path, file: BinaryIO) -> Size:
 
 
 def holds_colors(path: Path) -> bool:
-    """Tell whether a label image is a PNG of colours, whose pixels are not ids.
+    """Return whether a label image is a PNG of colours, whose pixels are not ids.
 
     Raises:
         InputError: the file is missing or cannot be read.
@@ -108,7 +108,7 @@ def holds_colors(path: Path) -> bool:
     return mode in COLORS
 
 
-def write_image(image: npt.NDArray[np.uint8], path: Path) -> None:
+def write_image(image: Image, path: Path) -> None:
     """Write a PNG as a whole or not at all: to a temporary file next to it, which is then renamed.
 
     Args:

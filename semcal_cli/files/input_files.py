@@ -9,12 +9,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-import numpy.typing as npt
 from numpy.lib.format import open_memmap
 
 from semcal_cli.errors import InputError, mismatch, os_reason
+from semcal_cli.geometry.arrays import Array
 
 MAX_DOCUMENT_BYTES = 16 << 20
 """Maximum size of a document: a YAML, JSON or XML file, a list of names, or a short text. At worst, YAML of this size
@@ -29,14 +29,14 @@ _PIECE_BYTES = 1 << 20
 
 
 def is_folder(path: Path) -> bool:
-    """Tell whether a path is a folder; names that are too long for the system are not."""
+    """Return whether a path is a folder; names that are too long for the system are not."""
     with suppress(OSError):
         return path.is_dir()
     return False
 
 
 def is_same_file(a: Path, b: Path) -> bool:
-    """Tell whether two paths lead to the same file, also through links."""
+    """Return whether two paths lead to the same file, also through links."""
     return os.path.realpath(a) == os.path.realpath(b)
 
 
@@ -62,7 +62,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def size_of(file: BinaryIO) -> int:
-    """Size of an open file in bytes."""
+    """Return the size of an open file in bytes."""
     return os.fstat(file.fileno()).st_size
 
 
@@ -177,7 +177,7 @@ def check_own_file(path: Path) -> None:
         raise InputError(f"{path}: found {kind}, needed a file or nothing")
 
 
-def map_array(path: Path, max_bytes: int, needed_for: str = "") -> npt.NDArray[Any]:
+def map_array(path: Path, max_bytes: int, needed_for: str = "") -> Array:
     """Map the array of a `.npy` file of at most `max_bytes` bytes into memory, without reading it.
 
     Args:

@@ -149,12 +149,12 @@ def check_descriptor(path: Path) -> None:
 
 
 def takes_several(path: Path) -> bool:
-    """Tell whether a path can take several outputs one after another, as a descriptor or /dev/null can."""
+    """Return whether a path can take several outputs one after another, as a descriptor or /dev/null can."""
     return descriptor(path) is not None or path.is_char_device()
 
 
 def is_standard_stream(path: Path) -> bool:
-    """Tell whether a path is the file behind standard output or standard error."""
+    """Return whether a path is the file behind standard output or standard error."""
     for number in (1, 2):
         with suppress(OSError):
             if os.path.samestat(path.stat(), os.fstat(number)):

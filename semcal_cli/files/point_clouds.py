@@ -71,7 +71,7 @@ def read_point_clouds(
 
 
 def max_bytes(max_points: int) -> int:
-    """Maximum size in bytes of a point cloud, and of a file of its labels or features."""
+    """Compute the maximum size in bytes of a point cloud, and of a file of its labels or features."""
     return max(BYTES_PER_POINT * max_points, MIN_LIMIT_BYTES)
 
 

@@ -12,13 +12,13 @@ from semcal_cli.formats.document_formats import SensorPair, base_format
 from semcal_cli.formats.format import FRAMES, FormatOptions
 from semcal_cli.formats.frame_names import T_BODY_OPTICAL, camera_and_lidar, optical_axes
 from semcal_cli.formats.node import Node
-from semcal_cli.formats.pose import ANGLES, PLACE, WXYZ, NumbersNotation
+from semcal_cli.formats.pose import RPY, WXYZ, XYZ, NumbersNotation
 
-KIT_KEYS = (*PLACE, *ANGLES)
+KIT_KEYS = (*XYZ, *RPY)
 
 
 def _kits(document: Node) -> list[Node]:
-    """Mappings of sensors that each have x y z (metres) and roll pitch yaw (radians)."""
+    """List the mappings of sensors that each have x y z (metres) and roll pitch yaw (radians)."""
 
     def is_sensor(name: object, entry: object) -> bool:
         return isinstance(name, str) and isinstance(entry, dict) and entry.keys() >= set(KIT_KEYS)
@@ -62,7 +62,7 @@ TABLE, SENSORS = "calibrated_sensor.json", "sensor.json"
 
 
 def _channels(table: Path) -> dict[Any, Any]:
-    """Names of sensors by token, if their table is next to the table of poses."""
+    """Read the names of sensors by token, if their table is next to the table of poses."""
     path = table.with_name(SENSORS)
     if table == STANDARD_INPUT or not path.is_file():
         return {}
@@ -107,7 +107,7 @@ NUSCENES = base_format(
     "p_ego = T p_sensor: calibrated_sensor.json, --camera and --lidar name two entries",
     lambda source: bool(source.records) and all(record.keys() >= NUSCENES_KEYS for record in source.records),
     _find_in_table,
-    NumbersNotation({"rotation": WXYZ, "translation": PLACE}),
+    NumbersNotation({"rotation": WXYZ, "translation": XYZ}),
     base="vehicle",
     asks=("camera", "lidar"),
 )

@@ -14,7 +14,7 @@ from semcal_cli.formats.format_table import all_formats
 from semcal_cli.formats.node import Node, camera_block
 from semcal_cli.formats.opencv import is_storage
 
-KNOWN_AS = (
+KNOWN_FORMATS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
 )
 
@@ -50,7 +50,7 @@ def _read(source: Source, camera: str | None, model: str | None) -> CameraBlock:
         if format.read_lens is not None and (block := format.read_lens(source, camera, model)) is not None:
             return block
     keys = ", ".join(describe(key) for key in list(source.node.mapping)[:5]) or "none"
-    raise InputError(f"{source.path}: found top-level keys {keys}, needed {KNOWN_AS}")
+    raise InputError(f"{source.path}: found top-level keys {keys}, needed {KNOWN_FORMATS}")
 
 
 def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:

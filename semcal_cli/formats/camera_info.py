@@ -125,7 +125,7 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
 
 
 def _coefficients(camera: Camera) -> list[float]:
-    """Distortion coefficients; in ROS, plumb_bob has five."""
+    """List the distortion coefficients; in ROS, plumb_bob has five."""
     coefficients = coefficients_of(camera)
     return [*coefficients, 0.0] if camera.model == "plumb_bob" and len(coefficients) == 4 else coefficients
 

@@ -14,8 +14,8 @@ from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import (
-    PLACE,
     WXYZ,
+    XYZ,
     XYZW,
     MatrixNotation,
     NumbersNotation,
@@ -120,7 +120,7 @@ RELLIS_3D = entry_format(
     f"p_lidar = T p_camera: transforms.yaml, {RELLIS_3D_KEY}",
     lambda source: RELLIS_3D_KEY in source.mapping,
     under(RELLIS_3D_KEY),
-    NumbersNotation({"q": WXYZ, "t": PLACE}, are_named=True),
+    NumbersNotation({"q": WXYZ, "t": XYZ}, are_named=True),
     maps_camera=True,
 )
 
@@ -135,7 +135,7 @@ DIRECT_VISUAL_LIDAR = entry_format(
     "p_lidar = T p_camera: results.T_lidar_camera of calib.json, x y z qx qy qz qw",
     _has_results,
     under("results"),
-    NumbersNotation({"T_lidar_camera": (*PLACE, *XYZW)}),
+    NumbersNotation({"T_lidar_camera": (*XYZ, *XYZW)}),
     maps_camera=True,
     as_json=True,
 )
@@ -179,7 +179,7 @@ LIDAR2CAM = camera_format(
 
 
 def _blocks(node: Node) -> list[Node]:
-    """All blocks with Rcl and Pcl at any depth, for instance inside ROS 2's `/**: ros__parameters:`."""
+    """List all blocks with Rcl and Pcl at any depth, for instance inside ROS 2's `/**: ros__parameters:`."""
     if not isinstance(node.value, dict):
         return []
     inner = [block for key, value in node.value.items() for block in _blocks(node.child(key, value))]
@@ -195,7 +195,7 @@ def _find_block(document: Node, options: FormatOptions) -> Node:
     return blocks[0]
 
 
-class _RotationAndPlace:
+class _RotationAndTranslation:
     """A pose as a rotation by rows and a translation."""
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
@@ -211,15 +211,15 @@ FAST_LIVO2 = entry_format(
     "p_camera = Rcl p_lidar + Pcl: extrin_calib",
     lambda source: bool(_blocks(Node("", source.mapping))),
     _find_block,
-    _RotationAndPlace(),
+    _RotationAndTranslation(),
 )
 
 ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"
-COLMAP_POSE = NumbersNotation({ROTATION: WXYZ, TRANSLATION: PLACE})
+COLMAP_POSE = NumbersNotation({ROTATION: WXYZ, TRANSLATION: XYZ})
 
 
 def _rig_cameras(rigs: Node) -> list[Node]:
-    """Cameras of all rigs that have a pose in their rig."""
+    """List the cameras of all rigs that have a pose in their rig."""
     entries = []
     for index, rig in enumerate(rigs.value if isinstance(rigs.value, list) else []):
         cameras = rig.get("cameras") if isinstance(rig, dict) else None

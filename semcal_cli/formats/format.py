@@ -169,7 +169,7 @@ class Source:
             raise InputError(f"{self.path}: {error}") from None
 
     def looks_like_xml(self, element: str) -> bool:
-        """Tell whether the file begins like XML and has such an element, without parsing it."""
+        """Return whether the file begins like XML and has such an element, without parsing it."""
         return self.start.startswith("<") and f"<{element}" in self.start
 
     @property

@@ -31,7 +31,7 @@ T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
 
 
 def has_word(name: str, words: set[str]) -> bool:
-    """Tell whether a name contains one of the words."""
+    """Return whether a name contains one of the words."""
     return bool(words & {word.lower() for word in WORD.findall(name.replace("LiDAR", "Lidar"))})
 
 
@@ -57,7 +57,7 @@ def camera_and_lidar(
     if prefers_optical and len(optical) == 1:
         cameras = optical
     lidars = [name for name in names if has_word(name, LIDAR_WORDS) and name != options.camera]
-    chosen = []
+    pair = []
     for side, name, candidates, other_words, needed in (
         ("camera", options.camera, cameras, LIDAR_WORDS, "one of them"),
         ("lidar", options.lidar, lidars, CAMERA_WORDS, "the LiDAR's own"),
@@ -66,8 +66,8 @@ def camera_and_lidar(
             name = candidates[0]
         if name is None or name not in names:
             raise InputError(f"{where}: found {kind} {listed(names)}, needed --{side} to name {needed}")
-        chosen.append(name)
-    camera, lidar = chosen
+        pair.append(name)
+    camera, lidar = pair
     return camera, lidar
 
 
@@ -95,7 +95,7 @@ def from_frames(where: str, T_parent_child: Pose, parent: str, child: str, optio
 
 
 def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
-    """T_frame_optical (4, 4) of a camera frame, by its name or by the user's option.
+    """Choose T_frame_optical (4, 4) of a camera frame, by its name or by the user's option.
 
     Raises:
         InputError: neither the name nor an option determines the axes.
@@ -108,7 +108,7 @@ def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
 
 
 def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
-    """T_lidar_frame (4, 4) of the camera frame to write, and the names of the LiDAR frame and the camera frame."""
+    """Compute T_lidar_frame (4, 4) of the camera frame to write, and name the LiDAR frame and the camera frame."""
     for name in filter(None, (options.lidar, options.camera)):
         if not name.isprintable():
             raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a printable name")

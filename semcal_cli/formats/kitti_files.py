@@ -11,7 +11,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import read_text
@@ -19,7 +18,7 @@ from semcal_cli.files.output_files import descriptor
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.node import Node, parse_numbers, rigid
 from semcal_cli.formats.pose import from_line, from_rows, rotation, transform
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.geometry.poses import inverse
 
 CAMERAS = ("P0", "P1", "P2", "P3")
@@ -28,7 +27,7 @@ RAW_CAMERAS, RAW_CAMERAS_FILE = ("image_00", "image_01", "image_02", "image_03")
 KITTI_360_FILE, KITTI_360_KEY = "calib_cam_to_velo.txt", "camera 0 to LiDAR"
 
 
-class _Twice:
+class _RepeatedKey:
     """The value of a key that is on several lines, which is ambiguous."""
 
     def __repr__(self) -> str:
@@ -41,7 +40,7 @@ def parse_keyed(path: Path, text: str) -> Node:
     for key, colon, line in (line.partition(":") for line in text.splitlines()):
         if colon:
             name = key.strip()
-            values[name] = _Twice() if name in values else _numbers(line)
+            values[name] = _RepeatedKey() if name in values else _numbers(line)
     return Node(str(path), values)
 
 
@@ -65,12 +64,12 @@ def _keys(source: Source) -> set[str]:
     return set(parse_keyed(source.path, source.start).value)
 
 
-def _row(values: npt.NDArray[np.float64]) -> str:
+def _row(values: Numbers) -> str:
     """Write numbers by rows on one line."""
     return " ".join(map(repr, values.ravel().tolist()))
 
 
-def beside_camera0(projection: Node) -> Pose:
+def offset_from_camera0(projection: Node) -> Pose:
     """Derive T_camera_camera0 (4, 4) of a rectified camera from its projection matrix.
 
     Raises:
@@ -124,7 +123,7 @@ def raw_pose(
     if camera is None or cameras is None:
         return T
     projection = cameras.at(f"P_rect_{camera.removeprefix('image_')}")
-    return beside_camera0(projection) @ rotation(cameras.at("R_rect_00"), options) @ T
+    return offset_from_camera0(projection) @ rotation(cameras.at("R_rect_00"), options) @ T
 
 
 def _read_raw(source: Source, options: FormatOptions) -> Pose:
@@ -162,7 +161,7 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
         if options.camera is None:
             return T
         _check_camera(options.camera, CAMERAS)
-        return beside_camera0(lines.at(options.camera)) @ T
+        return offset_from_camera0(lines.at(options.camera)) @ T
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         _check_no_camera(options)

@@ -51,7 +51,7 @@ def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Camer
 
 
 def intrinsic_matrix(fx: float, fy: float, cx: float, cy: float) -> list[list[float]]:
-    """K by rows, in pixels."""
+    """Make K by rows, in pixels."""
     return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
 
 
@@ -66,18 +66,18 @@ def refuse_camera(where: object, camera: str | None) -> None:
 
 
 def pixels_of(camera: Camera) -> list[float]:
-    """Focal lengths and principal point, fx fy cx cy, in pixels."""
+    """List the focal lengths and the principal point, fx fy cx cy, in pixels."""
     (fx, _, cx), (_, fy, cy), _ = camera.K
     return [fx, fy, cx, cy]
 
 
 def numbers_of(camera: Camera) -> list[float]:
-    """K, nine numbers by rows, in pixels."""
+    """List K, nine numbers by rows, in pixels."""
     return [number for row in camera.K for number in row]
 
 
 def coefficients_of(camera: Camera) -> list[float]:
-    """Distortion coefficients in OpenCV's order; zeros for a lens without distortion."""
+    """List the distortion coefficients in OpenCV's order; zeros for a lens without distortion."""
     return list(camera.distortion) or [0.0] * MIN_COUNTS[camera.model]
 
 

@@ -16,12 +16,12 @@ from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import apply_direction
 from semcal_cli.formats.kitti_files import KITTI_360_FILE
 from semcal_cli.formats.node import parse_numbers
-from semcal_cli.formats.pose import PLACE, XYZW, from_rows, numbers_of, pose_of
+from semcal_cli.formats.pose import XYZ, XYZW, from_rows, numbers_of, pose_of
 from semcal_cli.geometry.arrays import Pose
 
 SHAPES = ((3, 4), (4, 4))
 NPY = b"\x93NUMPY"
-TUM_NUMBERS = (*PLACE, *XYZW)
+TUM_NUMBERS = (*XYZ, *XYZW)
 SEPARATORS = re.compile(r"[,;\[\]()]")
 
 
@@ -71,13 +71,13 @@ def _make_array(T: Pose, options: FormatOptions) -> bytes:
 
 
 def _lines(source: Source) -> list[str]:
-    """Lines of numbers, without comments and brackets."""
+    """List the lines of numbers, without comments and brackets."""
     lines = (SEPARATORS.sub(" ", line.split("#")[0]) for line in source.text.splitlines())
     return [line for line in lines if line.strip()]
 
 
 def _counts(source: Source) -> list[int]:
-    """Number of numbers on each line; empty if the text holds anything else."""
+    """Count the numbers on each line; empty if the text holds anything else."""
     with suppress(InputError):
         lines = _lines(source)
         counts = [len(line.split()) for line in lines]

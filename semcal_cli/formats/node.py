@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, counted, describe, listed, one_of
 from semcal_cli.files.validation import key_part, validate
-from semcal_cli.geometry.arrays import Pose, Vector
+from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 from semcal_cli.geometry.poses import check_rigid, nearest_rigid
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -108,7 +107,7 @@ class Node:
         values: list[Any] = node.value
         return values
 
-    def matrix(self, rows: int, columns: int) -> npt.NDArray[np.float64]:
+    def matrix(self, rows: int, columns: int) -> Matrix:
         """Read a matrix (rows, columns) from a list of its numbers by rows."""
         return np.reshape(self.numbers(rows * columns), (rows, columns))
 
@@ -154,25 +153,25 @@ def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
 
 
 def pick(
-    kind: str, name: str | None, names: Sequence[str], where: object, *, usual: str | None = None
+    kind: str, name: str | None, names: Sequence[str], where: object, *, default: str | None = None
 ) -> str:
-    """Choose a sequence, a camera or the like: the named one, or else the usual one, or else the only one.
+    """Choose a sequence, a camera or the like: the named one, or else the default, or else the only one.
 
     Args:
         kind: What is chosen, for messages.
         name: The name that the user gives, if any.
         names: All names.
         where: The file or folder, for messages.
-        usual: Default name.
+        default: Default name.
     """
-    choice = usual if name is None else name
+    choice = default if name is None else name
     if not names:
-        raise InputError(f"{where}: found no {kind}, needed {usual or 'one'}")
+        raise InputError(f"{where}: found no {kind}, needed {default or 'one'}")
     if choice in names:
         return str(choice)
     if choice is None and len(names) == 1:
         return names[0]
-    problem = "none given" + (f", and no {usual}" if usual else "") if name is None else f"found {name!r}"
+    problem = "none given" + (f", and no {default}" if default else "") if name is None else f"found {name!r}"
     raise InputError(f"{where}: {kind}: {problem}, needed {one_of(choice or '', names)}")
 
 

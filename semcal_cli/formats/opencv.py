@@ -39,7 +39,7 @@ KEY = "CameraExtrinsicMat"
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
 MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
 """Camera model of each number of coefficients, if the lens is not a fisheye."""
-OF_STANDARD_YAML = (
+YAML_REPLACEMENTS = (
     (re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n"), ""),
     (re.compile(r"!!opencv-\w+|!<tag:[^>\n]{0,200}>"), ""),
     (re.compile(r"^([ \t]*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE), r"\1: "),
@@ -47,7 +47,7 @@ OF_STANDARD_YAML = (
 
 
 def is_storage(text: str) -> bool:
-    """Whether a text was written by OpenCV."""
+    """Return whether a text was written by OpenCV."""
     return text.lstrip().startswith(("%YAML:", "<")) or "opencv-matrix" in text
 
 
@@ -55,7 +55,7 @@ def _storage(source: Source) -> Node:
     text = source.text
     if text.lstrip().startswith("<"):
         return Node(str(source.path), _parse_xml(source))
-    for pattern, replacement in OF_STANDARD_YAML:
+    for pattern, replacement in YAML_REPLACEMENTS:
         text = pattern.sub(replacement, text)
     return Node(str(source.path), parse_document(text, source.path))
 

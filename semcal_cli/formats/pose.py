@@ -16,7 +16,7 @@ from semcal_cli.formats.node import MAX_MOUNT_M, Node, rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import nearest_rigid, pose_from_quaternion, quaternion_xyzw, rpy
 
-PLACE, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
+XYZ, RPY = ("x", "y", "z"), ("roll", "pitch", "yaw")
 XYZW, WXYZ = ("qx", "qy", "qz", "qw"), ("qw", "qx", "qy", "qz")
 ROUNDING = 1e-6
 MIN_SCALE = 1e-3
@@ -59,13 +59,13 @@ class MatrixNotation:
 
 
 def is_flat(rows: object) -> TypeGuard[list[object]]:
-    """Tell whether a matrix is one list of its numbers by rows."""
+    """Return whether a matrix is one list of its numbers by rows."""
     return isinstance(rows, list) and len(rows) in (12, 16) and not any(isinstance(row, list) for row in rows)
 
 
 @dataclass(frozen=True)
 class NumbersNotation:
-    """A pose as the numbers of `PLACE`, and of `XYZW` or `ANGLES`."""
+    """A pose as the numbers of `XYZ`, and of `XYZW` or `RPY`."""
 
     parts: Mapping[str, tuple[str, ...]]
     """Names of the numbers under each key, in order; those under the empty key are in the entry itself."""
@@ -104,26 +104,26 @@ def pose_of(where: str, numbers: Mapping[str, float], options: FormatOptions) ->
 
     Args:
         where: File and key, for messages.
-        numbers: Values of `PLACE`, and of `XYZW`, a unit quaternion, or of `ANGLES`, in radians as in URDF:
+        numbers: Values of `XYZ`, and of `XYZW`, a unit quaternion, or of `RPY`, in radians as in URDF:
             R = Rz(yaw) Ry(pitch) Rx(roll).
         options: Whether a quaternion of another norm is scaled.
 
     Raises:
         InputError: the norm of the quaternion is not 1, or the translation exceeds the limit of a rig.
     """
-    place = [numbers[name] for name in PLACE]
-    if ANGLES[0] in numbers:
+    translation = [numbers[name] for name in XYZ]
+    if RPY[0] in numbers:
         from scipy.spatial.transform import Rotation
 
-        R = Rotation.from_euler("xyz", [numbers[name] for name in ANGLES]).as_matrix()
-        return rigid(where, transform(R, place))
+        R = Rotation.from_euler("xyz", [numbers[name] for name in RPY]).as_matrix()
+        return rigid(where, transform(R, translation))
     xyzw = [numbers[name] for name in XYZW]
     norm = math.hypot(*xyzw)
     if options.on_repair is not None and norm > 0.0 and abs(norm - 1.0) > ROUNDING:
         options.on_repair(f"{where}: found a quaternion of norm {norm:.6g}, scaled it to 1")
         xyzw = [value / norm for value in xyzw]
     try:
-        return rigid(where, pose_from_quaternion(xyzw, place))
+        return rigid(where, pose_from_quaternion(xyzw, translation))
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -131,7 +131,7 @@ def pose_of(where: str, numbers: Mapping[str, float], options: FormatOptions) ->
 def numbers_of(T: Pose) -> dict[str, float]:
     """Name the numbers of a transform: its translation in metres, unit quaternion, and angles in radians."""
     values = [*T[:3, 3].tolist(), *quaternion_xyzw(T).tolist(), *rpy(T)]
-    return dict(zip((*PLACE, *XYZW, *ANGLES), values, strict=True))
+    return dict(zip((*XYZ, *XYZW, *RPY), values, strict=True))
 
 
 def transform(R: npt.ArrayLike, translation: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Pose:

@@ -19,11 +19,11 @@ from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA_WORDS, from_frames, has_word, name_frames
 from semcal_cli.formats.node import NUMBER, Node, parse_number
-from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, NumbersNotation, numbers_of, pose_of
+from semcal_cli.formats.pose import RPY, XYZ, XYZW, NumbersNotation, numbers_of, pose_of
 from semcal_cli.geometry.arrays import Pose
 
 PUBLISHER = "static_transform_publisher"
-USUAL = dict.fromkeys((*PLACE, *XYZW, *ANGLES), 0.0) | {"qw": 1.0}
+DEFAULTS = dict.fromkeys((*XYZ, *XYZW, *RPY), 0.0) | {"qw": 1.0}
 """Defaults of the arguments."""
 FRAME_NAMES = ("frame-id", "child-frame-id")
 
@@ -42,7 +42,7 @@ def _read_launch(source: Source, options: FormatOptions) -> Pose:
 
 
 def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> Pose:
-    """The transform of the only publisher, or of the only one between the requested frames."""
+    """Read the transform of the only publisher, or of the only one between the requested frames."""
     if not publishers:
         raise InputError(f"{where}: found no {PUBLISHER}, needed one")
     frame_names = {name for name in (options.camera, options.lidar) if name is not None}
@@ -69,7 +69,7 @@ def _words(where: str, text: str) -> list[str]:
 
 
 def _frames(words: list[str]) -> list[str]:
-    """Parent and child frame, if they are given."""
+    """Find the parent and child frame, if they are given."""
     arguments = dict(zip(words[::2], words[1::2], strict=False))
     if "--frame-id" in arguments:
         return [arguments["--frame-id"], arguments.get("--child-frame-id", "")]
@@ -79,12 +79,12 @@ def _frames(words: list[str]) -> list[str]:
 def _transform(where: str, words: list[str], options: FormatOptions) -> Pose:
     arguments = _in_order(where, words) if words and NUMBER.fullmatch(words[0]) else _by_name(where, words)
     parent, child = (arguments.pop(name) for name in FRAME_NAMES)
-    turn = ANGLES if any(name in arguments for name in ANGLES) else XYZW
-    if turn is ANGLES and any(name in arguments for name in XYZW):
+    rotation_names = RPY if any(name in arguments for name in RPY) else XYZW
+    if rotation_names is RPY and any(name in arguments for name in XYZW):
         raise InputError(f"{where}: found a quaternion and angles, needed one of them")
     values = {
-        name: parse_number(f"{where}: --{name}", arguments[name]) if name in arguments else USUAL[name]
-        for name in (*PLACE, *turn)
+        name: parse_number(f"{where}: --{name}", arguments[name]) if name in arguments else DEFAULTS[name]
+        for name in (*XYZ, *rotation_names)
     }
     return from_frames(where, pose_of(where, values, options), parent, child, options)
 
@@ -92,7 +92,7 @@ def _transform(where: str, words: list[str], options: FormatOptions) -> Pose:
 def _in_order(where: str, words: list[str]) -> dict[str, str]:
     """Name the positional arguments of ROS 1."""
     count = next((i for i, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words))
-    names = {6: (*PLACE, *reversed(ANGLES)), 7: (*PLACE, *XYZW)}.get(count)
+    names = {6: (*XYZ, *reversed(RPY)), 7: (*XYZ, *XYZW)}.get(count)
     if names is None or len(words) < count + 2:
         raise InputError(f"{where}: found {counted(count, 'number')}, needed 6 or 7, then parent and child")
     return dict(zip((*names, *FRAME_NAMES), words, strict=False))
@@ -107,7 +107,7 @@ def _by_name(where: str, words: list[str]) -> dict[str, str]:
         if name.removeprefix("--") in arguments:
             raise InputError(f"{where}: {name}: found two values, needed one")
         arguments[name.removeprefix("--")] = value
-    names = {*USUAL, *FRAME_NAMES}
+    names = {*DEFAULTS, *FRAME_NAMES}
     if unknown := [name for name in arguments if name not in names]:
         needed = f"needed some of: {', '.join(sorted(names))}"
         raise InputError(f"{where}: found argument {unknown[0]!r}, {needed}")
@@ -119,7 +119,7 @@ def _by_name(where: str, words: list[str]) -> dict[str, str]:
 def _arguments(T_camera_lidar: Pose, options: FormatOptions) -> str:
     T, lidar, camera = name_frames(T_camera_lidar, options)
     values = numbers_of(T)
-    arguments = [f"--{name} {values[name]}" for name in (*PLACE, *XYZW)]
+    arguments = [f"--{name} {values[name]}" for name in (*XYZ, *XYZW)]
     return " ".join([*arguments, f"--frame-id {shlex.quote(lidar)} --child-frame-id {shlex.quote(camera)}"])
 
 
@@ -150,11 +150,11 @@ LAUNCH = Format(
     asks=FRAMES,
 )
 
-STAMPED_POSE = NumbersNotation({"translation": PLACE, "rotation": XYZW}, are_named=True)
+STAMPED_POSE = NumbersNotation({"translation": XYZ, "rotation": XYZW}, are_named=True)
 
 
 def _stamped_frames(document: Node) -> tuple[str, str]:
-    """Parent and child."""
+    """Read the names of the parent and the child."""
     return document.at("header").at("frame_id").text(), document.at("child_frame_id").text()
 
 

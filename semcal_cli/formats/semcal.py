@@ -128,7 +128,7 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
 
 
 def _is_ours(source: Source) -> bool:
-    """Whether a file is one of semcal's, or holds only the matrix T_camera_lidar, whose name states its direction."""
+    """Return whether a file is semcal's, or holds only the matrix T_camera_lidar, whose name states its direction."""
     keys = source.mapping.keys()
     return bool({CALIBRATION, DRIVE, FLEET, TRANSFORM} & keys) or keys == {"T_camera_lidar"}
 

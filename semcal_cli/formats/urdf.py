@@ -12,13 +12,13 @@ from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import camera_and_lidar, name_frames, optical_axes
 from semcal_cli.formats.node import parse_numbers
-from semcal_cli.formats.pose import ANGLES, PLACE, numbers_of, pose_of
+from semcal_cli.formats.pose import RPY, XYZ, numbers_of, pose_of
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 
 
 def _links(joint: ET.Element) -> tuple[str, str]:
-    """Parent and child of a joint."""
+    """Read the names of the parent and the child of a joint."""
     parent, child = (
         "" if end is None else end.get("link", "") for end in map(joint.find, ("parent", "child"))
     )
@@ -67,7 +67,7 @@ def _origin(source: Source, joint: ET.Element) -> Pose:
     origin, key = joint.find("origin"), f"joint {joint.get('name', '')!r}"
     attributes = {} if origin is None else origin.attrib
     values: dict[str, float] = {}
-    for name, names in (("xyz", PLACE), ("rpy", ANGLES)):
+    for name, names in (("xyz", XYZ), ("rpy", RPY)):
         numbers = parse_numbers(source.path, f"{key}: {name}", attributes.get(name, "0 0 0"), 3)
         values.update(zip(names, numbers.tolist(), strict=True))
     return pose_of(f"{source.path}: {key}", values, FormatOptions())
@@ -76,11 +76,11 @@ def _origin(source: Source, joint: ET.Element) -> Pose:
 def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     T, lidar, camera = name_frames(T_camera_lidar, options)
     values = numbers_of(T)
-    place, angles = (" ".join(repr(values[name]) for name in names) for names in (PLACE, ANGLES))
+    translation, angles = (" ".join(repr(values[name]) for name in names) for names in (XYZ, RPY))
     joint = ET.Element("joint", name=f"{camera}_joint", type="fixed")
     ET.SubElement(joint, "parent", link=lidar)
     ET.SubElement(joint, "child", link=camera)
-    ET.SubElement(joint, "origin", xyz=place, rpy=angles)
+    ET.SubElement(joint, "origin", xyz=translation, rpy=angles)
     ET.indent(joint)
     return (ET.tostring(joint, encoding="unicode") + "\n").encode()
 

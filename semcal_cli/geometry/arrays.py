@@ -35,6 +35,8 @@ RawPixels: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 """(H, W) or (H, W, 3) pixels of a recording, 8 or 16 bits."""
 ClassIds: TypeAlias = NDArray[np.uint8]
 """Class of each point (N,) or pixel (H, W)."""
+RawIds: TypeAlias = NDArray[np.uint16]
+"""Class of each point (N,) or pixel (H, W) as the labels state it."""
 Colors: TypeAlias = NDArray[np.uint8]
 """(N, 3) colours."""
 Mask: TypeAlias = NDArray[np.bool_]

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from semcal_cli import core
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.arrays import Pose, Vector
+from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 
 RIGID_TOLERANCE = 1e-3
 """Maximum error of a rotation written by hand: three or four decimals pass, a wrong matrix does not."""
@@ -20,7 +20,7 @@ RIGID_TOLERANCE = 1e-3
 ROUND_OFF = 1e-12
 """Maximum error of a rotation that a program computed and wrote to the last bit."""
 
-UPRIGHT = 1e-7
+MIN_COS_PITCH = 1e-7
 """Cosine of the pitch below which roll and yaw turn about the same axis."""
 
 OPTICAL_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -76,7 +76,7 @@ def as_transform(value: ArrayLike, name: str) -> Pose:
 
 
 def _residual(T: Pose) -> float:
-    """Largest difference of R R^T from the identity."""
+    """Compute the maximum difference of R R^T from the identity."""
     return float(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())
 
 
@@ -127,29 +127,29 @@ def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> P
 
 
 def mounting_rpy_deg(T_camera_lidar: Pose) -> Vector:
-    """Roll, pitch and yaw (3,) of a camera's body frame in the LiDAR frame: see `pose_from_mounting`."""
+    """Compute roll, pitch and yaw (3,) of a camera's body frame in the LiDAR frame: see `pose_from_mounting`."""
     T_lidar_body = inverse(T_camera_lidar)
     T_lidar_body[:3, :3] = T_lidar_body[:3, :3] @ OPTICAL_AXES.T
     return np.degrees(rpy(T_lidar_body))
 
 
 def rpy(T: Pose) -> list[float]:
-    """Roll, pitch and yaw of a rotation in radians, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Compute roll, pitch and yaw of a rotation in radians, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     R = (T[:3, :3] + 0.0).tolist()  # no -0.0
     cos_pitch = math.hypot(R[0][0], R[1][0])
     pitch = math.atan2(0.0 - R[2][0], cos_pitch)
-    if cos_pitch < UPRIGHT:  # Only the sum or difference of roll and yaw is defined.
+    if cos_pitch < MIN_COS_PITCH:  # Only the sum or difference of roll and yaw is defined.
         return [math.atan2(0.0 - R[1][2], R[1][1]), pitch, 0.0]
     return [math.atan2(R[2][1], R[2][2]), pitch, math.atan2(R[1][0], R[0][0])]
 
 
 def rotation_vector_deg(T: Pose) -> Vector:
-    """Rotation vector (3,): its direction is the axis, its length the angle in degrees."""
+    """Compute the rotation vector (3,): its direction is the axis, its length the angle in degrees."""
     return np.degrees(rotation_difference(T, np.eye(4)))
 
 
 def quaternion_xyzw(T: Pose) -> Vector:
-    """Rotation as a unit quaternion (4,) with w >= 0."""
+    """Return the rotation as a unit quaternion (4,) with w >= 0."""
     return np.array(core.quaternion(T))
 
 
@@ -161,19 +161,19 @@ def inverse(T_a_b: Pose) -> Pose:
     return T_b_a
 
 
-def cross_matrix(vector: Vector) -> NDArray[np.float64]:
-    """Matrix (3, 3) [a]_x of the cross product, [a]_x b = a x b."""
+def cross_matrix(vector: Vector) -> Matrix:
+    """Make the matrix (3, 3) [a]_x of the cross product, [a]_x b = a x b."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def camera_center(T_camera_lidar: Pose) -> Vector:
-    """Camera centre in the LiDAR frame, -R^T t, metres."""
+    """Compute the camera centre (3,) in the LiDAR frame, -R^T t, metres."""
     return inverse(T_camera_lidar)[:3, 3]
 
 
 def rotation_difference(T_a: Pose, T_b: Pose) -> Vector:
-    """Rotation vector (3,) log(R_a R_b^T), radians, that takes T_b's rotation to T_a's."""
+    """Compute the rotation vector (3,) log(R_a R_b^T), radians, that takes T_b's rotation to T_a's."""
     *axis, w = quaternion_xyzw(T_a @ inverse(T_b))
     sine = math.hypot(*axis)
     scale = 2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0
@@ -181,12 +181,12 @@ def rotation_difference(T_a: Pose, T_b: Pose) -> Vector:
 
 
 def rotation_error_deg(T_a: Pose, T_b: Pose) -> float:
-    """Geodesic angle between two rotations, in degrees."""
+    """Compute the geodesic angle between two rotations, in degrees."""
     return float(np.degrees(np.linalg.norm(rotation_difference(T_a, T_b))))
 
 
 def baseline_m(T_camera_lidar: Pose) -> float:
-    """Distance between the camera centre and the origin of the LiDAR frame, metres."""
+    """Compute the distance between the camera centre and the origin of the LiDAR frame, metres."""
     x, y, z = T_camera_lidar[:3, 3].tolist()
     distance_m: float = (x * x + y * y + z * z) ** 0.5
     return distance_m

@@ -9,9 +9,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from semcal_cli.geometry.arrays import Pose, TwistVector, Vector
+from semcal_cli.geometry.arrays import Matrix, Pose, TwistVector, Vector, Vectors
 from semcal_cli.geometry.poses import camera_center, cross_matrix, rotation_difference
 
 SMALL_ANGLE = 1e-4
@@ -20,8 +19,8 @@ SMALL_TURN = 1e-3
 """Angle in radians up to which sin(angle / 2) / angle is computed by its series."""
 
 
-def rotation_matrix(rotation_vector: Vector) -> NDArray[np.float64]:
-    """Matrix exp(phi), (3, 3), of a rotation vector in radians, by its unit quaternion.
+def rotation_matrix(rotation_vector: Vector) -> Matrix:
+    """Compute the matrix exp(phi), (3, 3), of a rotation vector in radians, by its unit quaternion.
 
     The arithmetic is SciPy's, without the time that SciPy takes to load.
     """
@@ -45,7 +44,7 @@ def apply_twist(T: Pose, twist: TwistVector) -> Pose:
     return apply_motion(T, rotation_matrix(twist[3:]), twist[:3])
 
 
-def adjoint(T: Pose) -> NDArray[np.float64]:
+def adjoint(T: Pose) -> Matrix:
     """Compute the adjoint (6, 6) of a transform (4, 4): T exp(xi) = exp(Ad xi) T with xi = (rho, phi)."""
     R = T[:3, :3]
     return np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
@@ -54,15 +53,15 @@ def adjoint(T: Pose) -> NDArray[np.float64]:
 def displace(T: Pose, angle_deg: float, distance_m: float, rng: np.random.Generator) -> Pose:
     """Turn a camera by an angle about a random axis, and move its centre by a distance in a random direction."""
     axis, direction = rng.standard_normal((2, 3))
-    turn = rotation_matrix(np.radians(angle_deg) * axis / np.linalg.norm(axis))
+    rotation = rotation_matrix(np.radians(angle_deg) * axis / np.linalg.norm(axis))
     moved: Pose = np.eye(4)
-    moved[:3, :3] = turn @ T[:3, :3]
+    moved[:3, :3] = rotation @ T[:3, :3]
     center = camera_center(T) + distance_m * direction / np.linalg.norm(direction)
     moved[:3, 3] = -moved[:3, :3] @ center
     return moved
 
 
-def apply_motion(T: Pose, rotation: NDArray[np.float64], translation: Vector) -> Pose:
+def apply_motion(T: Pose, rotation: Matrix, translation: Vector) -> Pose:
     """Apply a rotation (3, 3), then a translation (3,), on the left of a pose."""
     moved: Pose = np.eye(4)
     moved[:3, :3] = rotation @ T[:3, :3]
@@ -70,8 +69,8 @@ def apply_motion(T: Pose, rotation: NDArray[np.float64], translation: Vector) ->
     return moved
 
 
-def inverse_left_jacobian(rotation_vector: Vector) -> NDArray[np.float64]:
-    """Matrix J_l^-1 of SO(3), (3, 3): the change of log(exp(delta) R) with delta (Solà et al., eq. 146)."""
+def inverse_left_jacobian(rotation_vector: Vector) -> Matrix:
+    """Compute J_l^-1 of SO(3), (3, 3): the change of log(exp(delta) R) with delta (Solà et al., eq. 146)."""
     cross = cross_matrix(rotation_vector)
     angle = float(np.linalg.norm(rotation_vector))
     if angle < SMALL_ANGLE:
@@ -80,8 +79,8 @@ def inverse_left_jacobian(rotation_vector: Vector) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) - 0.5 * cross + factor * cross @ cross)
 
 
-def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.float64]:
-    """Local coordinates (N, 6), (rho, phi), of poses about a reference, which are twists to first order.
+def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> Vectors:
+    """Compute local coordinates (N, 6), (rho, phi), of poses about a reference, which are twists to first order.
 
     With the camera centre c, rho = -R_ref (c - c_ref) and phi = log(R R_ref^T).
     """
@@ -91,8 +90,8 @@ def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.fl
     return np.hstack([(camera_center(T_reference) - centers) @ R_reference.T, turns])
 
 
-def camera_motions(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Motions (N, 6) of the camera along and about its own axes, metres and degrees, from local coordinates (N, 6).
+def camera_motions(coordinates: Vectors) -> Vectors:
+    """Convert local coordinates (N, 6) to motions (N, 6) of the camera along and about its axes, metres and degrees.
 
     A twist on the left of T_camera_lidar moves the camera by the opposite twist.
     """
@@ -100,7 +99,7 @@ def camera_motions(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def pose_at(T_reference: Pose, coordinates: TwistVector) -> Pose:
-    """Pose (4, 4) that has these local coordinates about a reference."""
+    """Compute the pose (4, 4) that has these local coordinates about a reference."""
     T: Pose = np.eye(4)
     T[:3, :3] = rotation_matrix(coordinates[3:]) @ T_reference[:3, :3]
     T[:3, 3] = -T[:3, :3] @ (camera_center(T_reference) - T_reference[:3, :3].T @ coordinates[:3])

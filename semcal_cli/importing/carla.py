@@ -20,7 +20,7 @@ from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.formats.frame_names import T_BODY_OPTICAL
 from semcal_cli.formats.lenses import intrinsic_matrix
 from semcal_cli.formats.node import MAX_MOUNT_M, Node, pick
-from semcal_cli.formats.pose import ANGLES, PLACE
+from semcal_cli.formats.pose import RPY, XYZ
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.dataset_tree import inside, need_file, numbered_files
@@ -133,9 +133,9 @@ def _read_rig(path: Path) -> dict[str, Sensor]:
         name = row.get("id")
         inside(path.parent, name, f"{path}: [{index}].id")
         settings = Node(str(path), row, f"sensor {describe(name)}")
-        places = [settings.at(key).number(-MAX_MOUNT_M, MAX_MOUNT_M) for key in PLACE]
-        angles = [settings.at(key).number() for key in ANGLES]
-        sensor = Sensor(str(name), row["type"], pose_from_unreal(*places, *angles), settings)
+        position = [settings.at(key).number(-MAX_MOUNT_M, MAX_MOUNT_M) for key in XYZ]
+        angles = [settings.at(key).number() for key in RPY]
+        sensor = Sensor(str(name), row["type"], pose_from_unreal(*position, *angles), settings)
         rig.setdefault(sensor.name, sensor)
     return rig
 
@@ -154,7 +154,7 @@ def _pinhole(settings: Node) -> dict[str, Any]:
 
 def _frames(root: Path, rig: dict[str, Sensor], camera: Sensor, lidar: Sensor) -> list[SourceFrame]:
     def looks_alike(other: Sensor) -> bool:
-        """Whether a colour camera has the pose and the lens of the segmentation camera."""
+        """Return whether a colour camera has the pose and the lens of the segmentation camera."""
         keys = ("width", "height", "fov")
         same_lens = all(other.settings.value.get(key) == camera.settings.value.get(key) for key in keys)
         return (
@@ -190,7 +190,7 @@ def _convert(path: Path) -> Cloud:
 
 
 def _are_raw(label_images: list[Path]) -> bool:
-    """Whether label images hold tags in the red channel rather than the colours of CityScapesPalette."""
+    """Return whether label images hold tags in the red channel rather than the colours of CityScapesPalette."""
     from semcal_cli.files.image_files import read_image
 
     return not any(read_image(path)[..., :2].any() for path in evenly_spaced(label_images, NUM_PROBED))

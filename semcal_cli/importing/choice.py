@@ -18,7 +18,7 @@ from semcal_cli.observations.frame_selection import evenly_spaced, select_frames
 
 SPREAD_FRAMES = 20
 """Number of frames that `spread` chooses by default."""
-WITHOUT = {
+SUBSTITUTES = {
     "point labels": "edges are compared instead",
     "image labels": "a network can make them",
 }
@@ -132,7 +132,7 @@ def keep_labelled(recording: Recording) -> Recording:
             )
         if not frames_with_labels and recording.labels_by is not None:
             remarks.append(
-                f"no {labels}: {WITHOUT[labels]}; add your own with {option} {recording.labels_by}"
+                f"no {labels}: {SUBSTITUTES[labels]}; add your own with {option} {recording.labels_by}"
             )
         elif frames_with_labels and len(frames_with_labels) < len(frames):
             remarks.append(
@@ -148,18 +148,18 @@ def narrow(recording: Recording, options: Options) -> Recording:
     Raises:
         InputError: no frame is left.
     """
-    near = [frame for frame in recording.frames if frame.gap_s <= (options.max_gap_s or np.inf)]
+    synchronous = [frame for frame in recording.frames if frame.gap_s <= (options.max_gap_s or np.inf)]
     remarks = list(recording.remarks)
-    if left_out := len(recording.frames) - len(near):
+    if left_out := len(recording.frames) - len(synchronous):
         remarks.append(f"left out {counted(left_out, 'pair')} more than {options.max_gap_s} s apart")
-    if not near:
+    if not synchronous:
         raise InputError(
             f"--max-gap-s: found {counted(left_out, 'pair')}, none within {options.max_gap_s} s, needed at least one"
         )
-    frames = near[options.frames]
+    frames = synchronous[options.frames]
     if not frames:
         raise InputError(
-            f"--frames: found {counted(len(near), 'frame')}, none in this slice, needed at least one"
+            f"--frames: found {counted(len(synchronous), 'frame')}, none in this slice, needed at least one"
         )
     if options.spread:
         frames = _slowest(frames, options.max_frames or SPREAD_FRAMES)

@@ -7,13 +7,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.errors import InputError, describe, os_reason
 from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, is_folder, read_start, read_text
 from semcal_cli.formats.node import MAX_WORLD_M, image_side, number, parse_numbers
-from semcal_cli.geometry.arrays import Vector
+from semcal_cli.geometry.arrays import Numbers, Vector, Vectors
 
 KITTI_PERIOD_S = 0.1
 """Time between two sweeps of the LiDARs of KITTI, KITTI-360 and RELLIS-3D."""
@@ -80,7 +79,7 @@ def writable_name(path: Path, name: str) -> str:
 
 
 def _is_writable(name: str) -> bool:
-    """Whether a drive.yaml, which is UTF-8, can hold a name."""
+    """Return whether a drive.yaml, which is UTF-8, can hold a name."""
     with suppress(UnicodeEncodeError):
         return b"\0" not in name.encode("utf-8")
     return False
@@ -162,9 +161,7 @@ def read_speeds(path: Path) -> list[float]:
     return speeds
 
 
-def speeds_mps(
-    positions: npt.NDArray[np.float64], period_s: float | npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def speeds_mps(positions: Vectors, period_s: float | Numbers) -> Numbers:
     """Compute the speed at each position by central differences.
 
     Args:
@@ -179,5 +176,5 @@ def speeds_mps(
     # Two positions at one time give an infinite speed, so they do not count as slow.
     with np.errstate(divide="ignore", invalid="ignore"):
         steps = np.linalg.norm(np.diff(positions, axis=0), axis=1) / period_s
-    speeds: npt.NDArray[np.float64] = 0.5 * (np.append(steps, steps[-1]) + np.insert(steps, 0, steps[0]))
+    speeds: Numbers = 0.5 * (np.append(steps, steps[-1]) + np.insert(steps, 0, steps[0]))
     return speeds

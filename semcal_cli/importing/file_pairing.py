@@ -41,7 +41,7 @@ def stamps_s(files: Sequence[Path]) -> dict[Path, float]:
 
 
 def _are_nanoseconds(parts: Mapping[Path, tuple[str, str, str]], mark: str) -> bool:
-    """Whether the digits after the seconds and a mark are nanoseconds without leading zeros, and not a fraction."""
+    """Return whether the digits after the seconds and a mark are nanoseconds without leading zeros, not a fraction."""
     groups = {path: digits for path, (_, between, digits) in parts.items() if between == mark}
     odd = next((path for path, digits in groups.items() if len(digits) not in PADDED), None)
     if odd is None:
@@ -68,7 +68,7 @@ def _plain_stamp_s(name: str) -> float | None:
 
 
 def by_time(*sides: Sequence[Path]) -> bool:
-    """Whether every name holds a time."""
+    """Return whether every name holds a time."""
     return all(len(stamps_s(side)) == len(set(side)) for side in sides)
 
 

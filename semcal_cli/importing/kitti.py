@@ -18,8 +18,8 @@ from semcal_cli.files.input_files import is_folder, read_text
 from semcal_cli.formats.kitti_files import (
     OBJECT_KEY,
     ODOMETRY_KEY,
-    beside_camera0,
     camera0_pose,
+    offset_from_camera0,
     raw_pose,
     read_keyed,
 )
@@ -119,7 +119,7 @@ def read_object(request: Request) -> Recording:
 
 def _camera(folder: Path, request: Request) -> str:
     cameras = [name for name in folders(folder) if re.fullmatch("image_[0-9]+", name)]
-    return pick("camera", request.camera, cameras, folder, usual="image_2")
+    return pick("camera", request.camera, cameras, folder, default="image_2")
 
 
 def _recording(file: Path, camera: str, frames: list[SourceFrame]) -> Recording:
@@ -140,7 +140,7 @@ def read_raw(request: Request) -> Recording:
     day = request.root / drive[: len("2011_09_26")]
     folder = day / drive
     cameras = [name for name in folders(folder) if name.startswith("image_")]
-    camera = pick("camera", request.camera, cameras, folder, usual="image_02")
+    camera = pick("camera", request.camera, cameras, folder, default="image_02")
     clouds = numbered_files(folder / "velodyne_points/data", ".bin")
     packets = files_by_stem(folder / "oxts/data", ".txt", is_needed=False)
     frames = join_frames(
@@ -220,7 +220,7 @@ def calibration(path: Path, camera: int, width: int, height: int) -> tuple[dict[
         problem = f"found keys {listed(lines.mapping)}"
         raise InputError(f"{path}: {problem}, needed Tr, or R0_rect and Tr_velo_to_cam")
     T_camera0_lidar, projection = camera0_pose(lines, key), lines.at(f"P{camera}")
-    return pinhole(projection, width, height), beside_camera0(projection) @ T_camera0_lidar
+    return pinhole(projection, width, height), offset_from_camera0(projection) @ T_camera0_lidar
 
 
 def pinhole(projection: Node, width: int, height: int) -> dict[str, Any]:

@@ -34,7 +34,7 @@ from semcal_cli.importing.kitti_360_windows import Windows
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Recording, Request, join_frames
 
-USUAL_CAMERA = "image_00"
+DEFAULT_CAMERA = "image_00"
 PERSPECTIVE = ("image_00", "image_01")
 """The pair that looks forward. Its rectified images are in data_rect, its raw images in data_rgb."""
 FISHEYES = ("image_02", "image_03")
@@ -52,7 +52,7 @@ def read(request: Request) -> Recording:
     root = request.root
     sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
     sequence = pick("sequence", request.sequence, sequences, root)
-    camera = pick("camera", request.camera, [*PERSPECTIVE, *FISHEYES], root, usual=USUAL_CAMERA)
+    camera = pick("camera", request.camera, [*PERSPECTIVE, *FISHEYES], root, default=DEFAULT_CAMERA)
     rectified = _is_rectified(camera, request.rectified)
     block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
     to_velo = root / "calibration/calib_cam_to_velo.txt"
@@ -61,8 +61,8 @@ def read(request: Request) -> Recording:
     folders_of_windows = (root / "data_3d_semantics" / part / sequence / "static" for part in PARTS)
     folder = next((folder for folder in folders_of_windows if folder.is_dir()), None)
     raw_pair = camera in PERSPECTIVE and not rectified
-    place = f"{camera}/data_rgb" if raw_pair else camera
-    missing = f"{root}: found no frame of {sequence} with points, a pose and an image of {place}"
+    folder_name = f"{camera}/data_rgb" if raw_pair else camera
+    missing = f"{root}: found no frame of {sequence} with points, a pose and an image of {folder_name}"
     fields: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **images}
     if folder is None:
         sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
@@ -71,7 +71,7 @@ def read(request: Request) -> Recording:
         remarks = ["raw sweeps carry no labels"]
     else:
         windows = Windows(folder, visible_only=camera in PERSPECTIVE)
-        T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ T_camera0_lidar
+        T_pose_lidar = _camera_to_pose(root / "calibration", DEFAULT_CAMERA) @ T_camera0_lidar
         poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
         cuts = {
             f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
@@ -117,7 +117,7 @@ def _is_rectified(camera: str, rectified: bool | None) -> bool:
 
 def _camera(folder: Path, camera: str, rectified: bool) -> tuple[dict[str, Any], Pose]:
     """Read the camera block and T_camera_camera0, where camera 0 is not rectified."""
-    T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
+    T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, DEFAULT_CAMERA)
     if camera in FISHEYES:
         return read_intrinsics(_fisheye(folder, camera)), T
     lines, number = read_keyed(folder / "perspective.txt"), camera.removeprefix("image_")

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.files.input_files import read_bytes, read_start
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Array, Mask, Pose, Vectors
 from semcal_cli.importing.recording import Cloud, Conversion
 
 RADIUS_M = 60.0
@@ -76,7 +76,7 @@ def _cut(path: Path, T_world_lidar: Pose, visible_only: bool) -> Cloud:
     return Cloud(cloud, semantic[mask][nearest])
 
 
-def _nearest_in_each_direction(points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+def _nearest_in_each_direction(points: Vectors) -> npt.NDArray[np.int64]:
     """Find the points (N, 3) that a LiDAR at the origin would see; indices in ascending order."""
     ranges = np.linalg.norm(points, axis=1)
     azimuth = np.arctan2(points[:, 1], points[:, 0])
@@ -91,7 +91,7 @@ def _nearest_in_each_direction(points: npt.NDArray[np.float64]) -> npt.NDArray[n
 @lru_cache(maxsize=1)
 def _read_window(
     path: Path,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32], npt.NDArray[np.bool_]]:
+) -> tuple[Vectors, npt.NDArray[np.uint32], Mask]:
     """Read points in the world (N, 3), their ids (N,), and whether an image shows them (N,)."""
     vertices = read_vertices(path)
     names = vertices.dtype.names or ()
@@ -112,7 +112,7 @@ def _frames(path: Path) -> range:
     return range(int(match.group(1)), int(match.group(2)) + 1)
 
 
-def read_vertices(path: Path) -> npt.NDArray[Any]:
+def read_vertices(path: Path) -> Array:
     """Read the vertices as a structured array (N,).
 
     Raises:

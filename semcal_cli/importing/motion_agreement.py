@@ -6,11 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Pose, Vectors
 from semcal_cli.importing.sweep_odometry import NS, SIGMA, are_covered, twist_from
 from semcal_cli.observations.motion import displacement, read_poses
 
@@ -94,7 +93,7 @@ def compare_with_drive(drive: Drive, poses: Mapping[int, Pose]) -> MotionDiffere
     )
 
 
-def _mean_twists(poses: Mapping[int, Pose], moments_ns: Sequence[int]) -> npt.NDArray[np.float64]:
+def _mean_twists(poses: Mapping[int, Pose], moments_ns: Sequence[int]) -> Vectors:
     """Compute the mean twist (N, 6) per second around each moment."""
     trajectory = core.Trajectory.through([stamp / NS for stamp in poses], list(poses.values()))
     ends_s = [((moment - HALF_NS) / NS, (moment + HALF_NS) / NS) for moment in moments_ns]

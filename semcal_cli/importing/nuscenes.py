@@ -26,7 +26,7 @@ from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Recording, Request, SourceFrame
 
 LIDAR_CHANNEL = "LIDAR_TOP"
-USUAL_CAMERA = "CAM_FRONT"
+DEFAULT_CAMERA = "CAM_FRONT"
 LIDAR = {"channels": 32, "columns": 1084, "fov_up_deg": 10.67, "fov_down_deg": -30.67}
 """Scan pattern of the Velodyne HDL-32E at 20 turns per second."""
 MICROSECONDS = 1e-6
@@ -112,7 +112,7 @@ def _keyframes(tables: Tables, sensors: dict[str, Node], request: Request) -> li
     names = {token: text(row, "channel") for token, row in tables.rows("sensor")}
     channels = {token: names.get(text(row, "sensor_token"), "") for token, row in sensors.items()}
     cameras = sorted({channel for channel in channels.values() if channel.startswith("CAM_")})
-    camera = pick("camera", request.camera, cameras, request.root, usual=USUAL_CAMERA)
+    camera = pick("camera", request.camera, cameras, request.root, default=DEFAULT_CAMERA)
     rows_by_channel: dict[str, dict[str, Node]] = {LIDAR_CHANNEL: {}, camera: {}}
     for _, row in tables.rows("sample_data"):
         channel, sample = channels.get(text(row, "calibrated_sensor_token"), ""), text(row, "sample_token")
@@ -176,8 +176,11 @@ def _sensor_poses(tables: Tables, rows: list[Node]) -> dict[str, Pose]:
 
 def _pose(row: Node) -> Pose:
     """Read T_vehicle_sensor or T_world_vehicle (4, 4) of a row, in metres."""
-    place, (w, x, y, z) = row.at("translation"), row.at("rotation").numbers(4)
-    translation = [number(place.where, value, -MAX_WORLD_M, MAX_WORLD_M) for value in place.numbers(3)]
+    translation_node, (w, x, y, z) = row.at("translation"), row.at("rotation").numbers(4)
+    translation = [
+        number(translation_node.where, value, -MAX_WORLD_M, MAX_WORLD_M)
+        for value in translation_node.numbers(3)
+    ]
     try:
         return pose_from_quaternion((x, y, z, w), translation)
     except ValueError as error:

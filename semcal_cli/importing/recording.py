@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import InputError, describe
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.importing.dataset_tree import need_folder
 from semcal_cli.importing.ontologies import Ontology
 
@@ -48,7 +48,7 @@ class Request:
 class Cloud:
     """A point cloud that had to be converted."""
 
-    points: npt.NDArray[np.float32]
+    points: Points
     """(N, 4) x, y, z in metres in the LiDAR frame, and the intensity, 0 where unknown."""
     labels: npt.NDArray[np.uint32] | None
     """(N,) ids of the points; None without labels."""
@@ -213,12 +213,12 @@ def _check_fields(where: str, value: object, kind: type[Kind]) -> Kind:
     if not isinstance(value, kind):
         raise TypeError(f"{where}: found {describe(value)}, needed a {kind.__name__}".removeprefix(": "))
     of_kind: type = kind
-    for key, about in settings_of(of_kind, with_others=True).items():
-        if not about.allows(content := getattr(value, key)):
-            if isinstance(content, tuple) and get_origin(about.kind) is tuple:
-                index = [about.entry.allows(entry) for entry in content].index(False)
-                key, content, about = f"{key}[{index}]", content[index], about.entry
-            needed = about.needed(content) + " or None" * about.is_optional
+    for key, of_field in settings_of(of_kind, with_others=True).items():
+        if not of_field.allows(content := getattr(value, key)):
+            if isinstance(content, tuple) and get_origin(of_field.kind) is tuple:
+                index = [of_field.entry.allows(entry) for entry in content].index(False)
+                key, content, of_field = f"{key}[{index}]", content[index], of_field.entry
+            needed = of_field.needed(content) + " or None" * of_field.is_optional
             raise TypeError(f"{where}.{key}: found {describe(content)}, needed {needed}".removeprefix("."))
     return value
 

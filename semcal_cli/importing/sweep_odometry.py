@@ -13,14 +13,13 @@ from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError, counted
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Matrix, Numbers, Points, Pose, Vector, Vectors
 from semcal_cli.geometry.poses import orthonormal, quaternion_xyzw
 from semcal_cli.observations.motion import MAX_SWEEP_S, displacement
 
@@ -30,7 +29,7 @@ RANGES_M = 1.5, 100.0
 VOXEL_M = 1.0
 MAX_GAP_NS = NS // 2
 """Longest time from one sweep or pose to the next. After a longer gap between sweeps, the odometry starts anew."""
-WARM_UPS = 4
+NUM_WARM_UPS = 4
 """How many times the first two sweeps are registered, each time deskewed with the motion found before."""
 SPEEDS_M_S = np.linspace(-40.0, 40.0, 81)
 OVERLAP_M, CLEAR_OVERLAP = 0.5, 0.003
@@ -51,8 +50,8 @@ CELL_M, ROUGH_M, MIN_CELL_POINTS = 2.0, 0.1, 8
 
 
 class _Sweep(NamedTuple):
-    points: npt.NDArray[np.float32]
-    times_s: npt.NDArray[np.float64]
+    points: Points
+    times_s: Numbers
     """(N,) seconds after `moment_ns`."""
     moment_ns: int
     """Middle of the times of its points, for which its pose is estimated."""
@@ -64,11 +63,11 @@ def estimator() -> str:
 
 
 def are_covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
-    """Whether poses with these ascending stamps lie close before and after each of the moments."""
-    places = [bisect_left(stamps_ns, moment) for moment in moments_ns]
+    """Return whether poses with these ascending stamps lie close before and after each of the moments."""
+    indices = [bisect_left(stamps_ns, moment) for moment in moments_ns]
     return all(
-        0 < place < len(stamps_ns) and stamps_ns[place] - stamps_ns[place - 1] <= MAX_GAP_NS
-        for place in places
+        0 < index < len(stamps_ns) and stamps_ns[index] - stamps_ns[index - 1] <= MAX_GAP_NS
+        for index in indices
     )
 
 
@@ -104,9 +103,7 @@ class Odometry:
         self._last_pose: Pose = np.eye(4)
         self._twist_per_s = [0.0] * 6
 
-    def add(
-        self, points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | None, stamp_ns: int
-    ) -> None:
+    def add(self, points: Points, times_s: Numbers | None, stamp_ns: int) -> None:
         """Estimate the pose of the next sweep. A sweep that is not later than the one before is left out.
 
         Args:
@@ -154,16 +151,16 @@ class Odometry:
         motions = []
         for start in ([0.0] * 6, _best_speed(first, second)):
             self._twist_per_s = start
-            for _ in range(WARM_UPS):
+            for _ in range(NUM_WARM_UPS):
                 self._kiss = _kiss_icp()
                 self._kiss.last_pose = self._last_pose
                 self._register(first, 0)
                 self._twist_per_s = self._register(second, second.moment_ns - first.moment_ns)
             motions.append((_overlap(first, second, self._twist_per_s), self._kiss, self._twist_per_s))
-        (other, _, twist), (best, self._kiss, self._twist_per_s) = sorted(
+        (second_best, _, twist), (best, self._kiss, self._twist_per_s) = sorted(
             motions, key=lambda motion: motion[0]
         )
-        if _jumps(twist, self._twist_per_s) and best - other < CLEAR_OVERLAP:
+        if _jumps(twist, self._twist_per_s) and best - second_best < CLEAR_OVERLAP:
             self._doubt(second)
         self._keep(second, self._kiss.last_pose)
 
@@ -197,8 +194,8 @@ class Odometry:
 
 
 def constraint_shares(
-    points: npt.NDArray[np.float64],
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    points: Vectors,
+) -> tuple[Vector, Matrix]:
     """Measure how well a sweep constrains its position along each direction.
 
     A surface constrains it along its normal. All cells with a surface have the same weight; the covariance of their
@@ -318,11 +315,11 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     return DriveMotion(poses, odometry.doubtful_ns, uncovered, "absolute" if is_absolute else "relative")
 
 
-def _ends(times_s: npt.NDArray[np.float64] | None) -> list[float]:
+def _ends(times_s: Numbers | None) -> list[float]:
     return [] if times_s is None else [float(np.nanmin(times_s)), float(np.nanmax(times_s))]
 
 
-def _sweep(points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | None, stamp_ns: int) -> _Sweep:
+def _sweep(points: Points, times_s: Numbers | None, stamp_ns: int) -> _Sweep:
     times_s = np.zeros(len(points)) if times_s is None else times_s
     ranges_m = np.linalg.norm(points, axis=1)
     counts = (ranges_m > RANGES_M[0]) & (ranges_m < RANGES_M[1]) & np.isfinite(times_s)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import InputError, about
+from semcal_cli.errors import InputError, name_in_errors
 from semcal_cli.geometry.arrays import Image
 from semcal_cli.labelling.card import CloudCard, CompleteImageCard, PointCard
 from semcal_cli.labelling.model import MASKS, Model, card_of, cloud_model, image_model, point_model, wrong_key
@@ -54,7 +54,7 @@ class ImageLabeller:
         mean = [int(np.clip(round(value / card.scale), 0, 255)) for value in card.mean]
         padding = tuple(mean if card.color == "bgr" else reversed(mean)) * (3 // len(mean))
         fitting = Fitting(size, card.fit, padding, card.overlap, card.resample, card.scaled_size)
-        with about(model.card_path):
+        with name_in_errors(model.card_path):
             self.views = make_views(camera, fitting, is_rectified=is_rectified)
         levels = np.arange(256) * card.scale
         rows = [(levels - mean) / std for mean, std in zip(card.mean, card.std, strict=True)]
@@ -79,7 +79,7 @@ class ImageLabeller:
             labels = self._ids_of_pixels(outputs)
         else:
             samples = self._scores(outputs)
-            with about(self.model.network.path):
+            with name_in_errors(self.model.network.path):
                 labels = core.classes_of_scores(*samples)
         return np.asarray(labels, np.uint16).reshape(self.camera.height, self.camera.width)
 
@@ -111,7 +111,7 @@ class ImageLabeller:
                 for view_scores in scores
             )
         )
-        with about(path):
+        with name_in_errors(path):
             shares = core.shares_of_scores(scores, views, positions, are_classes_first, are_logits)
         return np.asarray(shares, np.uint8).reshape(self.camera.height, self.camera.width, num_classes)
 

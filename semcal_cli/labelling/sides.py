@@ -17,7 +17,7 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.networks import LabelNetwork
-from semcal_cli.errors import InputError, about
+from semcal_cli.errors import InputError, name_in_errors
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.image_files import read_image
 from semcal_cli.files.input_files import hash_file
@@ -99,7 +99,7 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> L
     def label(drive: Drive, frame: Frame) -> bytes:
         path = drive.file_of(frame, "image", "an image")
         image = read_image(path, drive.camera.size)
-        with about(path):
+        with name_in_errors(path):
             if has_probabilities:
                 return _probability_archive(labeller.shares(image))
             ids = labeller.ids(image)
@@ -179,7 +179,7 @@ def _point_side(
         single_frame = drive.model_copy(update={"frames": (frame.model_copy(update={"point_labels": None}),)})
         (cloud,) = read_clouds(single_frame)
         labels = np.full(len(cloud.is_return), no_return, "<u4")
-        with about(drive.resolve(frame.points)):
+        with name_in_errors(drive.resolve(frame.points)):
             labels[cloud.is_return] = label_points(cloud)
         return labels.tobytes()
 

@@ -21,7 +21,7 @@ from semcal_cli.checks.scale import check_scale
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.config import PolishConfig, RefinementConfig
-from semcal_cli.drive.camera import OF_K, sigma_of
+from semcal_cli.drive.camera import K_ENTRIES, sigma_of
 from semcal_cli.errors import counted
 from semcal_cli.estimation.adjust.clock import KNOW_MOTION, ClockUncertainty, notes_on_clock
 from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
@@ -167,7 +167,7 @@ class _AssessedPose:
         camera, joint = self.data.observations.camera, self.stages.joint
         if joint is not None and joint.camera is not None:
             # An estimate states the errors of the intrinsics that it has.
-            exact = {name: 0.0 for name in joint.camera.intrinsics if name in OF_K}
+            exact = {name: 0.0 for name in joint.camera.intrinsics if name in K_ENTRIES}
             stated = sigma_of(camera).model_copy(update=exact)
             camera = camera.model_copy(update={"intrinsics_sigma": stated})
         return covariance_of_intrinsics(self.shift, camera)

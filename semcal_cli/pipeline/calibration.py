@@ -26,7 +26,7 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.drive.camera import check_intrinsics
-from semcal_cli.errors import CalibrationError, InputError, about
+from semcal_cli.errors import CalibrationError, InputError, name_in_errors
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
 from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
@@ -136,7 +136,7 @@ def initialize(
     doing = "searching all mounting directions"
     if initial_pose is not None:
         doing = f"{'searching around' if is_searched else 'starting at'} {initial_pose.name}"
-    with about(data.drive.path):
+    with name_in_errors(data.drive.path):
         return announced("initial", doing, lambda: _described(search()), on_event)
 
 
@@ -285,7 +285,7 @@ def refine(
 
     def ascend() -> Refinement:
         estimator, settings = make_estimator(observations, config, seed, on_event, candidates)
-        with about(data.drive.path):
+        with name_in_errors(data.drive.path):
             refined = refine_pose(
                 observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
             )

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 
 from pydantic import AfterValidator, Field, model_validator
 
-from semcal_cli.drive.camera import OF_K, Camera, intrinsic_names, intrinsic_value, without_last_zeros
+from semcal_cli.drive.camera import K_ENTRIES, Camera, intrinsic_names, intrinsic_value, without_last_zeros
 from semcal_cli.errors import describe, listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
 from semcal_cli.result.uncertainty import Variance, check_covariance, figure
@@ -175,7 +175,7 @@ def intrinsic_texts(camera: RefinedCamera) -> list[IntrinsicText]:
             digits = len(half.partition(".")[2])
             # Adding zero avoids -0.0000.
             given, found = (f"{round(value, digits) + 0.0:.{digits}f}" for value in (each.given, each.found))
-        texts.append(IntrinsicText(name, given, found, half, " px" if name in OF_K else ""))
+        texts.append(IntrinsicText(name, given, found, half, " px" if name in K_ENTRIES else ""))
     return texts
 
 
@@ -214,7 +214,7 @@ def camera_differences(found: Camera, other: Camera, whose: str) -> list[str]:
         other: The other camera.
         whose: Name of the other camera, to put before its values.
     """
-    values = {name: (intrinsic_value(found, name), intrinsic_value(other, name)) for name in OF_K}
+    values = {name: (intrinsic_value(found, name), intrinsic_value(other, name)) for name in K_ENTRIES}
     differences = [f"{name} {a:.6g} ({whose}: {b:.6g})" for name, (a, b) in values.items() if a != b]
     names = [name for name in Camera.model_fields if name not in ("K", "intrinsics_sigma")]
     a, b = map(without_last_zeros, (found, other))

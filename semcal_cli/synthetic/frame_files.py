@@ -91,10 +91,10 @@ def class_ids() -> ClassIds:
 def frame_document(config: SynthConfig, number: int, sweeps: str | None) -> dict[str, str | float]:
     """Make the entry of a frame in drive.yaml."""
     names = file_names(config, number)
-    place = "" if sweeps is None else f"{sweeps}/"
+    prefix = "" if sweeps is None else f"{sweeps}/"
     return {
-        "points": place + names["points"],
-        "point_labels": place + names["point_labels"],
+        "points": prefix + names["points"],
+        "point_labels": prefix + names["point_labels"],
         "image_labels": names["image_labels"],
         "image": names["images"],
         **stamps(config, number),

@@ -42,13 +42,13 @@ class VehicleMotion(NamedTuple):
     """Turn rate about z, positive to the left."""
 
     def displacement(self, seconds: float) -> Pose:
-        """Pose (4, 4) of the vehicle after some time, in its frame at the start: an arc of a circle."""
-        turn, way_m = self.yaw_rate_rad_s * seconds, self.speed_m_s * seconds
+        """Compute the pose (4, 4) of the vehicle after some time, in its frame at the start: an arc of a circle."""
+        angle, arc_m = self.yaw_rate_rad_s * seconds, self.speed_m_s * seconds
         # np.sinc(x) is sin(pi x) / (pi x): an arc's chord over its length is sin(turn / 2) / (turn / 2).
-        chord_m = way_m * float(np.sinc(0.5 * turn / math.pi))
+        chord_m = arc_m * float(np.sinc(0.5 * angle / math.pi))
         T: Pose = np.eye(4)
-        T[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
-        T[:2, 3] = chord_m * math.cos(0.5 * turn), chord_m * math.sin(0.5 * turn)
+        T[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+        T[:2, 3] = chord_m * math.cos(0.5 * angle), chord_m * math.sin(0.5 * angle)
         return T
 
 
@@ -127,7 +127,7 @@ def shutter(config: SynthConfig) -> dict[str, Any]:
 
 
 def _T_vehicle_lidar(config: SynthConfig) -> Pose:
-    """Pose (4, 4) of the LiDAR in the vehicle; the LiDAR's x axis is tilted down from the vehicle's."""
+    """Compute the pose (4, 4) of the LiDAR in the vehicle; its x axis is tilted down from the vehicle's."""
     tilt = math.radians(config.lidar_tilt_deg)
     T: Pose = np.eye(4)
     T[0, 0], T[0, 2], T[2, 0], T[2, 2] = math.cos(tilt), math.sin(tilt), -math.sin(tilt), math.cos(tilt)

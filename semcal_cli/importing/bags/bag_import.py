@@ -124,10 +124,10 @@ class _Import:
         T_camera_lidar, remarks = reference(tree, lidar, optical, rectification)
         self.remarks += remarks
         request = self.request
-        self.trajectory, why = find_motion(
+        self.trajectory, reason = find_motion(
             self.bag, tree, moving, lidar, request.motion, request.motion_frame
         )
-        self.remarks += [why] if why else []
+        self.remarks += [reason] if reason else []
         wanted_ns = wanted_times(self.bag, self.topics, request)
         odometry = self._odometry(wanted_ns) if request.odometry else None
         if odometry is not None and self.trajectory is None:
@@ -290,7 +290,7 @@ class _Import:
         self.left_out += pairing.left_out
         self._check_clocks(pairing, len(candidates))
         num_read = len(candidates) + sum(
-            n for why, n in self.left_out.items() if not why.startswith("images")
+            n for reason, n in self.left_out.items() if not reason.startswith("images")
         )
         not_read = self.topics.points.span.num_messages - num_read
         if not_read > 0:
@@ -340,13 +340,13 @@ class _Import:
         sweeps, images = (pairing.delays_s[is_image] for is_image in (False, True))
         difference_s = float(np.median(sweeps) - np.median(images)) if sweeps and images else 0.0
         names = f"{self.topics.points.name} and {self.topics.image.name}"
-        apart = f"the clocks of {names} differ by {difference_s:.3f} s"
+        remark = f"the clocks of {names} differ by {difference_s:.3f} s"
         are_apart = abs(difference_s) > FAR_CLOCKS_S
         if not count:
             common = self.left_out.most_common(1) or [("no sweeps and images at the same times", 0)]
-            raise self._no_pair(f"{apart}; try --stamps receive" if are_apart else common[0][0])
+            raise self._no_pair(f"{remark}; try --stamps receive" if are_apart else common[0][0])
         if are_apart:
-            self.remarks.append(f"{apart}, judging by when their messages were received")
+            self.remarks.append(f"{remark}, judging by when their messages were received")
 
 
 def _frame_of(message: Message) -> str | None:

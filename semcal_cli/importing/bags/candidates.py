@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from typing import BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 
-from semcal_cli.geometry.arrays import Values
+from semcal_cli.geometry.arrays import Numbers, Values, Vector
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import thumbnail
 from semcal_cli.importing.bags.messages import NS, Message, MessageError
@@ -64,7 +63,7 @@ class Spool:
     def get(self, candidate: SpooledPair) -> tuple[Message, Message]:
         """Read the sweep and the image of a pair; several threads may do so."""
         number = self._file.fileno()
-        raw = [os.pread(number, place.stop - place.start, place.start) for place in candidate.places]
+        raw = [os.pread(number, span.stop - span.start, span.start) for span in candidate.places]
         return replace(candidate.pair.sweep, raw=raw[0]), replace(candidate.pair.image, raw=raw[1])
 
     def _append(self, content: bytes) -> slice:
@@ -156,19 +155,19 @@ def choose(
         if trajectory is None
         else _path_lengths_m([trajectory.position(candidate.pair.sweep_ns) for candidate in ascending])
     )
-    why = (
+    reason = (
         "their images are like those of others"
         if path_lengths_m is None
         else "others are spread better along the path"
     )
-    left_out[f"pairs: {why}"] += len(ascending) - count
+    left_out[f"pairs: {reason}"] += len(ascending) - count
     return [
         ascending[index]
         for index in _most_different([candidate.thumbnail for candidate in ascending], count, path_lengths_m)
     ]
 
 
-def _path_lengths_m(positions: Sequence[npt.NDArray[np.float64] | None]) -> npt.NDArray[np.float64] | None:
+def _path_lengths_m(positions: Sequence[Vector | None]) -> Numbers | None:
     """Compute the path length up to each position (N,), metres; None if the path is short or a position is unknown."""
     known_positions = [position for position in positions if position is not None]
     if len(known_positions) < max(len(positions), 2):
@@ -187,16 +186,14 @@ def longest_ascending(values: Sequence[int]) -> list[int]:
         before.append(ends[length - 1] if length else None)
         ends[length:] = [index, *ends[length + 1 :]]
     indices: list[int] = []
-    place = ends[-1] if ends else None
-    while place is not None:
-        indices.append(place)
-        place = before[place]
+    last = ends[-1] if ends else None
+    while last is not None:
+        indices.append(last)
+        last = before[last]
     return indices[::-1]
 
 
-def _most_different(
-    thumbnails: Sequence[Values], count: int, path_lengths_m: npt.NDArray[np.float64] | None
-) -> list[int]:
+def _most_different(thumbnails: Sequence[Values], count: int, path_lengths_m: Numbers | None) -> list[int]:
     """Choose `count` pairs that are far apart along the path or whose images differ, in ascending order.
 
     Args:
@@ -210,9 +207,9 @@ def _most_different(
     positions = np.zeros(len(thumbnails), np.float32) if path_lengths_m is None else path_lengths_m
     rows = np.column_stack([positions, np.stack(thumbnails)])
 
-    def distances(rows: npt.NDArray[np.float64], row: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def distances(rows: Numbers, row: Numbers) -> Numbers:
         apart = np.abs(rows - row)
-        distance: npt.NDArray[np.float64] = apart[:, 0] + apart[:, 1:].mean(axis=1)
+        distance: Numbers = apart[:, 0] + apart[:, 1:].mean(axis=1)
         return distance
 
     return farthest_points(rows, count, distances)

@@ -76,8 +76,8 @@ def _data(message: Any) -> np.ndarray:
 def _point_cloud(message: Any) -> SimpleNamespace:
     pose = getattr(message, "pose", None)
     if pose is not None:
-        place, turn = pose.position, pose.orientation
-        if any(map(float, (place.x, place.y, place.z, turn.x, turn.y, turn.z))):
+        position, orientation = pose.position, pose.orientation
+        if any(map(float, (position.x, position.y, position.z, orientation.x, orientation.y, orientation.z))):
             raise MessageError("found points with their own pose, needed points in their frame")
     if len(message.fields) > MAX_FIELDS:
         raise MessageError(f"found {len(message.fields):,} fields, needed at most {MAX_FIELDS}")

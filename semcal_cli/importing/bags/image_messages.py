@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.image_files import Size, size_in_header
-from semcal_cli.geometry.arrays import RawPixels
+from semcal_cli.geometry.arrays import RawPixels, Values
 from semcal_cli.importing.bags.messages import COMPRESSED, Message, MessageError
 
 
@@ -90,7 +89,7 @@ def image_file(message: Message) -> ImageFile:
     return ImageFile(content.tobytes(), ".png", (pixels.shape[1], pixels.shape[0]))
 
 
-def thumbnail(message: Message) -> npt.NDArray[np.float32]:
+def thumbnail(message: Message) -> Values:
     """Make a small grey image (h * w,), from 0 to 1, to compare scenes by.
 
     Raises:
@@ -106,7 +105,7 @@ def thumbnail(message: Message) -> npt.NDArray[np.float32]:
         grey = coarse if coarse.ndim == 2 else coarse.mean(axis=2)
     small = cv2.resize(grey.astype(np.float32), THUMBNAIL, interpolation=cv2.INTER_AREA)
     span = float(small.max()) or 1.0
-    look: npt.NDArray[np.float32] = (small / span).astype(np.float32).ravel()
+    look: Values = (small / span).astype(np.float32).ravel()
     return look
 
 

@@ -90,7 +90,7 @@ class McapFile:
             )
         ]
         heap: list[tuple[int, int, int, McapMessage]] = []
-        for place, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.message_start_time)):
+        for chunk_number, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.message_start_time)):
             while heap and heap[0][0] < chunk.message_start_time:
                 yield heappop(heap)[-1]
             self._file.seek(chunk.chunk_start_offset)
@@ -99,7 +99,7 @@ class McapFile:
                 raise ValueError("found no chunk where the index has one")
             for index, message in enumerate(_chunk_records(record)):
                 if isinstance(message, McapMessage) and message.channel_id in channels:
-                    heappush(heap, (message.log_time, place, index, message))
+                    heappush(heap, (message.log_time, chunk_number, index, message))
         while heap:
             yield heappop(heap)[-1]
 
@@ -192,7 +192,7 @@ class McapFile:
 
 
 def _is_index(summary: Summary) -> bool:
-    """Whether a summary has all that is needed to read by it."""
+    """Return whether a summary has all that is needed to read by it."""
     if summary.statistics is None or not summary.chunk_indexes:
         return False
     used_channels = set(summary.statistics.channel_message_counts)
@@ -213,11 +213,11 @@ def _chunk_records(chunk: Chunk) -> list[McapRecord]:
         problem = f"found a chunk that states {chunk.uncompressed_size:,} bytes"
         raise ValueError(f"{problem}, needed at most {MAX_UNPACKED_BYTES:,}")
     data = unpack(chunk.compression, chunk.data, chunk.uncompressed_size)
-    place = 0
+    offset = 0
     for _ in range(MAX_RECORDS):
-        if place + RECORD_HEAD.size > len(data):
+        if offset + RECORD_HEAD.size > len(data):
             break
-        place += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, place)[1]
+        offset += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, offset)[1]
     else:
         raise ValueError(f"found a chunk of more than {MAX_RECORDS:,} records")
     return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)

@@ -79,7 +79,7 @@ class Topic:
     """Reads a Foxglove message into the fields of the ROS type; None for ROS's own serializations."""
 
     def is_a(self, types: Collection[str]) -> bool:
-        """Whether its messages have the content of one of these ROS types."""
+        """Return whether its messages have the content of one of these ROS types."""
         return (self.kind or self.type) in types
 
     @property
@@ -101,7 +101,7 @@ class Message:
     """Its bytes."""
 
     def is_a(self, *types: str) -> bool:
-        """Whether it has the content of one of these ROS types."""
+        """Return whether it has the content of one of these ROS types."""
         return self.topic.is_a(types)
 
     @property

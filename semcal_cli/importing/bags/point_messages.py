@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.errors import counted, listed
+from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
 from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, NS, VELODYNE, Message, MessageError
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -58,11 +59,11 @@ class Sweep(NamedTuple):
     """(height, width) records of all fields, little endian and without gaps."""
     times: PointTimes
     """Times of its points."""
-    seconds: npt.NDArray[np.float64] | None = None
+    seconds: Numbers | None = None
     """(height, width) times of its points after the stamp; None without times on the clock of the header."""
 
     @property
-    def points(self) -> npt.NDArray[np.float32]:
+    def points(self) -> Points:
         """Points (N, 3), metres."""
         return np.stack([self.records[axis].astype(np.float32).ravel() for axis in "xyz"], axis=1)
 
@@ -118,11 +119,11 @@ def _count(field: np.dtype[Any]) -> int:
     return int(np.prod(field.shape, dtype=int))
 
 
-def _has_range(records: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
-    """Whether each point (height, width) is finite and not at the sensor."""
+def _has_range(records: npt.NDArray[np.void]) -> Mask:
+    """Return whether each point (height, width) is finite and not at the sensor."""
     axes = np.stack([records[axis].astype(np.float32) for axis in "xyz"])
     with np.errstate(invalid="ignore"):
-        has_range: npt.NDArray[np.bool_] = np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)
+        has_range: Mask = np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)
     return has_range
 
 
@@ -178,23 +179,23 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
     order, raw = message.byte_order, message.raw
     layout = np.dtype([(name, order + kind) for name, kind in LIVOX_POINT], align=not message.topic.is_ros1)
     packed = np.dtype([(name, f"<{kind}") for name, kind in LIVOX_POINT])
-    place = HEADER_BYTES + (
+    offset = HEADER_BYTES + (
         struct.unpack_from(f"{order}I", raw, HEADER_BYTES - 4)[0] if len(raw) >= 16 else 0
     )
     if not message.topic.is_ros1:
-        place += (CDR_BYTES - place) % 8
-    place += 8 + 4 + 4  # timebase, point_num, and lidar_id with its reserved bytes
-    if place + 4 > len(raw):
+        offset += (CDR_BYTES - offset) % 8
+    offset += 8 + 4 + 4  # timebase, point_num, and lidar_id with its reserved bytes
+    if offset + 4 > len(raw):
         raise MessageError(
             f"found {counted(len(raw), 'byte')} of something else, needed a {message.topic.type}"
         )
-    (count,) = struct.unpack_from(f"{order}I", raw, place)
+    (count,) = struct.unpack_from(f"{order}I", raw, offset)
     if count == 0:
         raise MessageError("found a cloud without points")
     # The last point has no padding after it.
-    if count > MAX_POINTS or place + 4 + (count - 1) * layout.itemsize + packed.itemsize > len(raw):
+    if count > MAX_POINTS or offset + 4 + (count - 1) * layout.itemsize + packed.itemsize > len(raw):
         raise MessageError(f"found {counted(count, 'point')} in {counted(len(raw), 'byte')}")
-    padded = raw[place + 4 :] + bytes(layout.itemsize - packed.itemsize)
+    padded = raw[offset + 4 :] + bytes(layout.itemsize - packed.itemsize)
     return np.frombuffer(padded, layout, count).astype(packed).reshape(1, count)
 
 
@@ -235,9 +236,7 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
     return packed.reshape(1, -1)
 
 
-def _with_readable_times(
-    records: npt.NDArray[np.void], has_range: npt.NDArray[np.bool_], stamp_ns: int
-) -> Sweep:
+def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_ns: int) -> Sweep:
     """Find out what the times of points refer to, and convert them if no reader could read them.
 
     Readers take whole numbers for nanoseconds and others for seconds. Times in another unit, or under a name that no
@@ -279,7 +278,7 @@ def _with_readable_times(
     return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
 
 
-def _ends(values: npt.NDArray[Any]) -> tuple[float, float]:
+def _ends(values: Array) -> tuple[float, float]:
     """Find the first and the last finite time; zeros without one."""
     finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
@@ -288,13 +287,11 @@ def _ends(values: npt.NDArray[Any]) -> tuple[float, float]:
 def _shift(first: float, tick_s: float, stamp_ns: int) -> int | None:
     """Find what to subtract from times to make them relative, in their own unit; None if they are on another clock."""
     stamp = round(stamp_ns / (tick_s * NS))
-    near = [shift for shift in (0, stamp) if abs(first - shift) * tick_s <= LONGEST_SWEEP_S]
-    return near[0] if near else None
+    shifts = [shift for shift in (0, stamp) if abs(first - shift) * tick_s <= LONGEST_SWEEP_S]
+    return shifts[0] if shifts else None
 
 
-def _with_times(
-    records: npt.NDArray[np.void], name: str, seconds: npt.NDArray[np.float64]
-) -> npt.NDArray[np.void]:
+def _with_times(records: npt.NDArray[np.void], name: str, seconds: Numbers) -> npt.NDArray[np.void]:
     """Replace a field by times in seconds, under the preferred name."""
     layout = records.dtype
     changed = records.astype(

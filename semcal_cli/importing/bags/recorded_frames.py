@@ -113,10 +113,10 @@ def write_motion(
         if frame.times.reference == reference and trajectory.covers(*frame.moments_ns)
     ]
     if 2 * min(num_timed, len(covered)) < len(written):
-        why = "there are no poses around most frames"
+        reason = "there are no poses around most frames"
         if 2 * num_timed < len(written):
-            why = "most points have no times for deskewing"
-        return None, [frame.source for frame in written], f"{remark}, but {why}; no motion is written"
+            reason = "most points have no times for deskewing"
+        return None, [frame.source for frame in written], f"{remark}, but {reason}; no motion is written"
     # The poses depend on the chosen frames, so the file belongs to this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"
     write(trajectory.tum().encode(), path)

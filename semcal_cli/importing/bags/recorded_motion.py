@@ -26,7 +26,7 @@ from semcal_cli.importing.bags.messages import (
 from semcal_cli.importing.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, read_transforms
 from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, are_covered, estimator, tum_text
 
-NONE = "none"
+NO_MOTION = "none"
 """Value of --motion that asks for no motion."""
 SCOUTED_PLACES, SCOUTED_NS = 8, NS
 """Places of the recording, and time from each, at which `/tf` is read to learn which of its frames move."""
@@ -102,16 +102,16 @@ class Trajectory:
         return {stamp: self._poses[stamp] for stamp in self._stamps}
 
     def covers(self, *stamps_ns: int) -> bool:
-        """Whether poses lie close before and after each of the stamps."""
+        """Return whether poses lie close before and after each of the stamps."""
         return are_covered(self._stamps, stamps_ns)
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
         """Return the position (3,) of the pose that is nearest in time, metres; None without poses."""
         if not self._stamps:
             return None
-        place = bisect_left(self._stamps, stamp_ns)
-        near = self._stamps[max(place - 1, 0) : place + 1]
-        nearest = min(near, key=lambda stamp: abs(stamp - stamp_ns))
+        index = bisect_left(self._stamps, stamp_ns)
+        neighbours = self._stamps[max(index - 1, 0) : index + 1]
+        nearest = min(neighbours, key=lambda stamp: abs(stamp - stamp_ns))
         position: np.ndarray = self._poses[nearest][:3, 3]
         return position
 
@@ -186,7 +186,7 @@ def find_motion(
     Raises:
         InputError: the wanted topic is missing or does not fit.
     """
-    if topic_name == NONE:
+    if topic_name == NO_MOTION:
         return None, None
     fixed = tree.transforms_from(lidar)
     carriers = [source for source in moving if source.frame in fixed and source.parent not in fixed]
@@ -220,7 +220,7 @@ def _misfit(
     """Explain why the wanted topic states no motion of the LiDAR."""
     topics = [topic for topic in bag.of_types([ODOMETRY, POSE, *TRANSFORMS]) if topic.name != TF_STATIC]
     if topic_name not in [topic.name for topic in topics]:
-        names = listed([*(topic.name for topic in topics), NONE])
+        names = listed([*(topic.name for topic in topics), NO_MOTION])
         return InputError(f"--motion: found no topic {topic_name!r} of poses, needed one of: {names}")
     if not pose_sources:
         frames = listed(f"{source.frame} in {source.parent}" for source in carriers)

@@ -28,10 +28,10 @@ class Ros1File:
     def __init__(self, path: Path, stack: ExitStack) -> None:
         """Open the bag, until `stack` closes it; raises errors of any kind if its index is not whole."""
         self._reader = stack.enter_context(Reader(path))
-        for place, chunk in self._reader.chunks.items():
+        for offset, chunk in self._reader.chunks.items():
             name = COMPRESSIONS.get(chunk.decompressor)
             if name is not None:
-                self._reader.chunks[place] = chunk._replace(decompressor=partial(unpack, name))
+                self._reader.chunks[offset] = chunk._replace(decompressor=partial(unpack, name))
         connections: dict[tuple[str, str], list[Connection]] = {}
         for connection in self._reader.connections:
             connections.setdefault((connection.topic, connection.msgtype), []).append(connection)

@@ -17,7 +17,7 @@ BEFORE_NS, AFTER_NS = NS // 2, 2 * NS
 """How much is read before and after a wanted time: images before the first sweep, and sweeps until one has an image."""
 MARGIN_NS = NS // 20
 """How much is read beyond the longest time so far from the receipt of an image to that of its sweep."""
-CLOSE = 0.4
+CLOSE_GAP = 0.4
 """Gap, relative to the time from sweep to sweep, below which no other sweep can be nearer to an image."""
 NUM_LEARNED = 5
 """Number of pairs after which it is known how long before their sweeps images are received."""
@@ -61,7 +61,7 @@ class _Recent:
         return min(self._kept, key=lambda kept: abs(kept.stamp_ns - stamp_ns), default=None)
 
     def reaches(self, stamp_ns: int) -> bool:
-        """Whether the last message is at or after a stamp, so that no later one is nearer to an earlier time."""
+        """Return whether the last message is at or after a stamp, so that no later one is nearer to an earlier time."""
         return bool(self._kept) and self._kept[-1].stamp_ns >= stamp_ns
 
 
@@ -107,7 +107,7 @@ class Pairing:
         return BEFORE_NS if self._num_leads < NUM_LEARNED else self._lead_ns + MARGIN_NS
 
     def is_wanted(self, time_ns: int) -> bool:
-        """Whether a wanted time up to this one has no sweep yet."""
+        """Return whether a wanted time up to this one has no sweep yet."""
         return bool(self._wanted) and self._wanted[0] <= time_ns
 
     def pairs(
@@ -160,7 +160,7 @@ class Pairing:
         return message.header_ns
 
     def _takes(self, received_ns: int) -> bool:
-        """Whether a sweep that was received now is the first after a wanted time."""
+        """Return whether a sweep that was received now is the first after a wanted time."""
         is_taken = received_ns <= self._retry_until_ns
         if self._wanted and self._wanted[0] <= received_ns:
             self._wanted.popleft()
@@ -185,7 +185,7 @@ class Pairing:
                 self._retry_until_ns = first.message.received_ns + PATIENCE_NS
                 self._waiting.popleft()
                 continue
-            if gap_ns > CLOSE * self._period_ns:
+            if gap_ns > CLOSE_GAP * self._period_ns:
                 if not is_late and not self._sweeps.reaches(image.stamp_ns + gap_ns):
                     return
                 nearest = self._sweeps.nearest(image.stamp_ns)

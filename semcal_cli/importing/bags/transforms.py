@@ -121,8 +121,8 @@ def read_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:
 def pose_of(rotation: Any, position: Any) -> Pose | None:
     """Make a transform (4, 4), metres, of a Quaternion and a Point or Vector3; None if it is not rigid."""
     quaternion = [rotation.x, rotation.y, rotation.z, rotation.w]
-    place = [position.x, position.y, position.z]
+    translation = [position.x, position.y, position.z]
     try:
-        return rigid("transform", pose_from_quaternion(quaternion, place), MAX_WORLD_M)
+        return rigid("transform", pose_from_quaternion(quaternion, translation), MAX_WORLD_M)
     except (ValueError, InputError):
         return None

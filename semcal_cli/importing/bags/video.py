@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.config import MAX_PIXELS
+from semcal_cli.geometry.arrays import Image
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import PNG_SPEED
 from semcal_cli.importing.bags.messages import COMPRESSED, FFMPEG, NS, Message, MessageError, Topic
@@ -83,7 +83,7 @@ class Still(Message):
     """A decoded frame of a video, whose bytes are those of a PNG."""
 
     def is_a(self, *types: str) -> bool:
-        """Whether `types` include CompressedImage, whose content it has."""
+        """Return whether `types` include CompressedImage, whose content it has."""
         return COMPRESSED in types
 
     @property
@@ -170,11 +170,11 @@ class _Decoder:
         self._context = context
 
     def is_before(self, group: PictureGroup, index: int) -> bool:
-        """Whether the decoder can still return a frame."""
+        """Return whether the decoder can still return a frame."""
         first = min([frame.pts for frame in self._ready if frame.pts is not None], default=self._next)
         return group is self._group and index >= first and not (self._is_flushed and index >= self._next)
 
-    def frame(self, index: int) -> npt.NDArray[np.uint8]:
+    def frame(self, index: int) -> Image:
         """Decode the frames up to one, and return that one (H, W, 3): blue, green, red.
 
         Raises:
@@ -241,17 +241,17 @@ def _nal_units(data: bytes, shift: int, mask: int) -> Iterator[int]:
 
 def _av1_units(data: bytes) -> Iterator[int]:
     """Yield the types of the open bitstream units of a packet, whose sizes are stated (AV1 specification, 5.3)."""
-    place = 0
-    while place < len(data):
-        header, size, shift = data[place], 0, 0
+    offset = 0
+    while offset < len(data):
+        header, size, shift = data[offset], 0, 0
         yield header >> 3 & 0xF
-        place += 2 if header & 4 else 1
+        offset += 2 if header & 4 else 1
         if not header & 2:
             break
-        while place < len(data):
-            byte = data[place]
+        while offset < len(data):
+            byte = data[offset]
             size |= (byte & 0x7F) << shift
-            place, shift = place + 1, shift + 7
+            offset, shift = offset + 1, shift + 7
             if not byte & 0x80 or shift > 28:
                 break
-        place += size
+        offset += size

@@ -21,7 +21,7 @@ from semcal_cli import core
 from semcal_cli.config import ExactConfig, StartsConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.errors import CalibrationError, about
+from semcal_cli.errors import CalibrationError, name_in_errors
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import ClassIds, Mask, Values
@@ -98,7 +98,7 @@ def observe_edges(
 
     def levels_of(frame: Frame) -> ClassIds:
         grey = grey_values(drive, frame)
-        with about(drive.resolve(str(frame.image))):
+        with name_in_errors(drive.resolve(str(frame.image))):
             return _levels(drive.camera, grey, seen, blur_px, config)
 
     with thread_pool() as pool:
