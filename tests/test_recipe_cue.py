@@ -14,15 +14,15 @@ from documentation import ROOT
 import semcal_cli
 from semcal_cli.config.cues import BuiltInCue
 
-PLACES = r"`((?:semcal_cli|tests)/[\w/]+\.py)`[^`]*?:\n\n```python\n(.*?)```"
-"""A file that the text names last before a block, and the block."""
+PLACES = r"`(\w+\.py)` in `([\w/]+/)`:\n\n```python\n(.*?)```"
+"""A file and its folder, which the text names before a block, and the block."""
 
 
 def recipe() -> dict[str, str]:
     """The blocks of the recipe, by the files that they belong to."""
     page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     (section,) = re.findall(r"^## A cue\n(.*?)^## ", page, re.MULTILINE | re.DOTALL)
-    return dict(re.findall(PLACES, section, re.DOTALL))
+    return {folder + name: text for name, folder, text in re.findall(PLACES, section, re.DOTALL)}
 
 
 @pytest.fixture(scope="module")

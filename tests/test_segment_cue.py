@@ -218,7 +218,7 @@ def test_starts_that_meet_go_on_as_one(seen: Observations, street_truth: Pose) -
     assert len(starts.poses) < STARTS.num_starts[0] // 2
 
 
-def test_a_level_without_tops_in_reach_stays_where_it_was(seen: Observations, street_truth: Pose) -> None:
+def test_a_level_without_maxima_in_reach_stays_where_it_was(seen: Observations, street_truth: Pose) -> None:
     nowhere = replace(STARTS, farthest_m=0.0)
     level = SeveralStarts(seen, ExactConfig(), 0, nowhere).ascend(8, street_truth, visible_only=False)
     assert np.array_equal(level.T_camera_lidar, street_truth)

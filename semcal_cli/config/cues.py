@@ -8,6 +8,7 @@ from semcal_cli.errors import InputError, one_of
 from semcal_cli.plugins import Plugins
 
 BuiltInCue: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features", "auto"]
+"""The names of semcal's own cues, each of which is a module of `observations/cues`, and `auto`."""
 CueName: TypeAlias = BuiltInCue | str
 """What points and pixels are compared by: a cue of semcal or of a plugin; auto stands for the best cues that the files
 of a drive allow."""
