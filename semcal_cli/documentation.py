@@ -13,7 +13,7 @@ WITH_SCHEMA = (
 
 
 def entry_address(topic: str) -> str:
-    """Give the address of the entry that explains a finding.
+    """Return the address of the entry that explains a finding.
 
     Args:
         topic: `Finding.topic`, the anchor of the entry in docs/troubleshooting.md.
@@ -27,5 +27,5 @@ def schema_name(key: str, version: int) -> str:
 
 
 def schema_address(key: str, version: int) -> str:
-    """Give the address of the JSON Schema of a document, which is also its `$id`."""
+    """Return the address of the JSON Schema of a document, which is also its `$id`."""
     return f"{ADDRESS}/schemas/{schema_name(key, version)}"

@@ -116,7 +116,16 @@ def verify(settings: VerifySettings) -> None:
                 _illustrate(found, data, pose, outputs, terminal)
     cases = [Case.of_check(check) for check in found.checks]
     seconds = perf_counter() - start
-    report = CiReport("verify", subject, found.verdict, cases, found.reasons, seconds, settings.inconclusive)
+    report = CiReport(
+        "verify",
+        subject,
+        found.verdict,
+        cases,
+        found.reasons,
+        found.topics,
+        seconds,
+        settings.inconclusive,
+    )
     if settings.junit is not None:
         write_text(report.junit(), settings.junit)
     if settings.as_json:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from semcal_cli.checks.few_scenes import check_scenes
-from semcal_cli.checks.other_mounting import is_rival
+from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
 from semcal_cli.checks.other_pose import OTHER_POSE
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
 from semcal_cli.errors import CalibrationError
@@ -18,6 +18,7 @@ from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.events import Listener, Progress
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.result.sections import Hypothesis
 
 
 def decide_in_full(
@@ -53,7 +54,7 @@ def decide_in_full(
         return initial, refined, False
     best = taken = initial.hypotheses[0]
     rivals = [
-        other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
+        other for other in initial.hypotheses if _is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
     is_clear, least, polish = bool(rivals), OTHER_POSE.limit(), PolishConfig(max_baseline_m=max_baseline_m)
     for rival in rivals:
@@ -72,3 +73,8 @@ def decide_in_full(
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
     return led_by(initial, taken, data.for_search), refined, is_clear
+
+
+def _is_rival(best: Hypothesis, other: Hypothesis, min_deg: float) -> bool:
+    """Whether a hypothesis is another mounting that is not far enough behind the best one."""
+    return other.rotation_from_best_deg >= min_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN
