@@ -140,11 +140,11 @@ class Stages:
         """What a result says of each stage that gives a pose, by name."""
         return {
             name: Stage(
-                T_camera_lidar=each.T_camera_lidar.tolist(),
-                mutual_information_nats=each.agreement.mutual_information,
-                bound_nats=each.bound_nats,
+                T_camera_lidar=stage.T_camera_lidar.tolist(),
+                mutual_information_nats=stage.agreement.mutual_information,
+                bound_nats=stage.bound_nats,
             )
-            for name, each in self.poses.items()
+            for name, stage in self.poses.items()
         }
 
     def quality(self, num_frames: int) -> Quality:
