@@ -61,6 +61,20 @@ def test_each_verdict_names_what_follows(status: str, stages: tuple[str, ...], l
     assert [labelled(*step) for step in after_calibration(made, RESULT)] == lines
 
 
+def test_each_kind_of_reason_leads_to_its_entry() -> None:
+    doubted = make_calibration(POSE).model_copy(
+        update={
+            "status": "not_trusted",
+            "reasons": ("one", "two", "three"),
+            "topics": ("overlap", "clocks", "overlap"),
+        }
+    )
+    assert after_calibration(doubted, RESULT)[2:] == [
+        ("why", f"{ADDRESS}/troubleshooting/#overlap"),
+        ("", f"{ADDRESS}/troubleshooting/#clocks"),
+    ]
+
+
 def test_what_is_printed_next_runs(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands are pasted by a script: a drive whose name has a space, and a result beside it."""
     monkeypatch.chdir(tmp_path)

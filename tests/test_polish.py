@@ -89,7 +89,7 @@ def test_the_best_of_several_tops_may_lose_more(torn: Observations, street_truth
     check = polish_pose(torn, street_truth, config).held_out
     assert check.held_out_sigma_nats is not None
     loss = -check.held_out_gain_nats / check.held_out_sigma_nats
-    between = dataclasses.replace(config, max_loss=0.9 * loss, max_loss_among_maxima=1.1 * loss)
+    between = dataclasses.replace(config, max_loss=0.9 * loss, max_loss_of_tops=1.1 * loss)
     assert not polish_pose(torn, street_truth, between).is_accepted
     assert polish_pose(dataclasses.replace(torn, starts=STARTS), street_truth, between).is_accepted
 

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import junitparser
 import numpy as np
@@ -15,6 +16,7 @@ from conftest import make_pose, run
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import semcal
+from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
@@ -89,6 +91,15 @@ def test_verdicts(
     assert [
         case.name for case in suite if any(isinstance(r, junitparser.Failure) for r in case.result)
     ] == failing
+
+
+def test_junit_names_the_entry_of_each_reason() -> None:
+    reasons, topics = ("few < many", "late"), ("overlap", "clocks")
+    report = CiReport("verify", "drive", "inconclusive", [Case("x", "pass", "0 cm")], reasons, topics)
+    suite = ElementTree.fromstring(report.junit())
+    assert suite.findtext("system-out") == (
+        f"few < many ({entry_address('overlap')})\nlate ({entry_address('clocks')})"
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""Assessment of a pose: its uncertainty, and findings against it."""
+"""Checks of a pose, and of a drive before a calibration: one file a check or a family of checks."""

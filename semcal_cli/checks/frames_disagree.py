@@ -90,8 +90,8 @@ def compare_frames(observations: Observations, T_camera_lidar: Pose) -> Suspicio
     px_per_deg = math.radians(core_camera(observations.camera).pixels_per_radian)
     fine = int(np.clip(round(FINE_DEG * px_per_deg), *FINE_PX))
     blocks_px = fine, max(round(COARSE_DEG * px_per_deg), fine + 1)
-    found = [score_frames(observations, T_camera_lidar, block_px) for block_px in blocks_px]
-    scored = [scores for scores in found if scores is not None]
+    by_blocks = [score_frames(observations, T_camera_lidar, block_px) for block_px in blocks_px]
+    scored = [scores for scores in by_blocks if scores is not None]
     if not scored:
         return None
     num_squares = min(scores.num_squares for scores in scored)
@@ -100,7 +100,7 @@ def compare_frames(observations: Observations, T_camera_lidar: Pose) -> Suspicio
     # Two frames, one on either side of a change, have this many squares.
     limit = hotelling_quantile(alpha, 2.0 * num_squares / count)
     splits = max((scores.splits() for scores in scored), key=np.max)
-    outliers = tuple(np.flatnonzero(np.any([each.outliers(alpha) for each in scored], axis=0)).tolist())
+    outliers = tuple(np.flatnonzero(np.any([scores.outliers(alpha) for scores in scored], axis=0)).tolist())
     # Limit of Q over its degrees of freedom, which chance alone exceeds in this fraction of cases.
     by_chance = core.fisher_limit(chance, 6 * (count - 1), num_squares - count)
     return Suspicion(
@@ -115,16 +115,16 @@ def compare_frames(observations: Observations, T_camera_lidar: Pose) -> Suspicio
 
 def describe_disagreement(suspicion: Suspicion, names: Sequence[str]) -> str:
     """Say how far frames disagree that a few poses do not explain."""
-    found = []
+    reasons = []
     if suspicion.scatter > suspicion.allowed:
         ratio, most = format_against_limit(math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed), 2)
-        found.append(f"they scatter {ratio} times as widely as their labels explain, needed at most {most}")
+        reasons.append(f"they scatter {ratio} times as widely as their labels explain, needed at most {most}")
     if suspicion.place is not None:
         apart, most = format_against_limit(suspicion.apart, suspicion.allowed_apart, 1)
-        found.append(
+        reasons.append(
             f"those from {frame_name(names, suspicion.place)} on are {apart} standard errors from those "
             f"before, needed at most {most}"
         )
     if suspicion.outliers:
-        found.append(f"above all {frame_list(names, suspicion.outliers)}")
-    return f"frames disagree about the camera, {', '.join(found)}"
+        reasons.append(f"above all {frame_list(names, suspicion.outliers)}")
+    return f"frames disagree about the camera, {', '.join(reasons)}"

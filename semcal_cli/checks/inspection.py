@@ -214,8 +214,8 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
 
 def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:
     """List the class names of points or of pixels over all frames; None without labels."""
-    found = [names for names in counts if names is not None]
-    return list(dict.fromkeys(chain.from_iterable(found))) if found else None
+    known = [names for names in counts if names is not None]
+    return list(dict.fromkeys(chain.from_iterable(known))) if known else None
 
 
 def _pattern(points: Sequence[Points]) -> str:

@@ -104,26 +104,26 @@ def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequen
 
 
 def _is_one(observations: Observations, part: Part) -> bool:
-    found = compare_frames(observations.of_frames(part.frames), part.T_camera_lidar)
-    return found is None or not found.is_grave or found.scatter <= found.allowed
+    suspicion = compare_frames(observations.of_frames(part.frames), part.T_camera_lidar)
+    return suspicion is None or not suspicion.is_grave or suspicion.scatter <= suspicion.allowed
 
 
 def _split(
     observations: Observations, frames: range, T_start: Pose, place: int, num_parts: int
 ) -> list[Part]:
     """Split frames where they fit two poses, and each part again; no parts where they do not."""
-    found: list[Part] = []
+    all_parts: list[Part] = []
     parts = _two_parts(observations, frames, T_start, place)
     for later, part in zip((1, 0), parts, strict=False):
         # One part is reserved for each of those that follow.
-        left, again = num_parts - later - len(found), None
+        left, again = num_parts - later - len(all_parts), None
         if left > 1:
             again = compare_frames(observations.of_frames(part.frames), part.T_camera_lidar)
         smaller = []
         if again is not None and again.place is not None:
             smaller = _split(observations, part.frames, part.T_camera_lidar, again.place, left)
-        found += smaller or [part]
-    return found
+        all_parts += smaller or [part]
+    return all_parts
 
 
 def _two_parts(observations: Observations, frames: range, T_start: Pose, place: int) -> tuple[Part, ...]:
@@ -180,9 +180,11 @@ def _movement(before: Part, after: Part) -> Movement:
 def _moved_sentence(parts: Sequence[Part], described: Sequence[DrivePart], names: Sequence[str]) -> str:
     """Say which frames fit which camera, and where it may have been knocked."""
     sentences = []
-    for part, each in zip(parts[1:], described[1:], strict=True):
-        assert each.moved is not None
+    for part, document in zip(parts[1:], described[1:], strict=True):
+        assert document.moved is not None
         first, last = frame_name(names, part.frames[0]), frame_name(names, part.frames[-1])
         stretch = f"frame {first} alone would" if len(part.frames) == 1 else f"frames {first} to {last}"
-        sentences.append(f"{stretch} fit a camera {each.moved.words}, as if it had been knocked at {first}")
+        sentences.append(
+            f"{stretch} fit a camera {document.moved.words}, as if it had been knocked at {first}"
+        )
     return "; ".join(sentences)

@@ -46,7 +46,7 @@ ODD_FRAMES = Check(
     ),
 )
 MIN_PAIRS = 500.0
-"""Least number of pairs of points and pixels with which a frame is checked."""
+"""Smallest number of pairs of points and pixels with which a frame is checked."""
 NUM_EXCHANGES = 3
 """Number of other frames whose images are tried."""
 
@@ -66,14 +66,14 @@ def check_pairs(
         names: Name of each frame: its point cloud.
     """
     if observations.is_multimodal:
-        found = information_by_squares(observations, T_camera_lidar)
-        own, num_pairs = found.by_frame, found.weight_by_frame
-        most_exchanged = own + ODD_FRAMES.limit("another image, by squares") * found.sigma_by_frame
+        information = information_by_squares(observations, T_camera_lidar)
+        own, num_pairs = information.by_frame, information.weight_by_frame
+        max_exchanged = own + ODD_FRAMES.limit("another image, by squares") * information.sigma_by_frame
     else:
         joints = agreement.frame_joints[: observations.num_frames]
         table = pointwise_information(joints.sum(axis=0))
         own, num_pairs = information_by_frame(joints, table), joints.sum(axis=(1, 2))
-        most_exchanged = ODD_FRAMES.limit("another image") * own
+        max_exchanged = ODD_FRAMES.limit("another image") * own
 
     def measure(others: Observations) -> Numbers:
         """Compute the information (F,) with the pixels of other observations."""
@@ -88,7 +88,7 @@ def check_pairs(
     doubtful = np.flatnonzero(is_seen & (own < least * usual))
     wrong = []
     if len(doubtful) > 0:
-        is_wrong = (own <= 0.0) | (_exchanged(observations, measure) > most_exchanged)
+        is_wrong = (own <= 0.0) | (_exchanged(observations, measure) > max_exchanged)
         wrong = doubtful[is_wrong[doubtful]].tolist()
     if not wrong:
         share = float(own[is_seen].min()) / usual if usual > 0.0 else math.nan
@@ -108,9 +108,9 @@ def _exchanged(observations: Observations, measure: Callable[[Observations], Num
     """Compute the largest information of each frame's points with the pixels of some other frames, (F,)."""
     images, count = observations.images, observations.num_frames
     shifts = np.unique(np.linspace(1, count - 1, NUM_EXCHANGES).round().astype(int))
-    scenes, found = observations.scenes, []
+    scenes, exchanged = observations.scenes, []
     for shift in shifts.tolist():
         others = observations.with_images(images[shift:] + images[:shift])
         same = [scenes[frame] == scenes[(frame + shift) % count] for frame in range(count)]
-        found.append(np.where(same, -np.inf, measure(others)))
-    return np.asarray(np.max(found, axis=0))
+        exchanged.append(np.where(same, -np.inf, measure(others)))
+    return np.asarray(np.max(exchanged, axis=0))

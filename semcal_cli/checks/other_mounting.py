@@ -86,8 +86,3 @@ def describe_mountings(search: Initialization) -> str:
     if margin >= MIN_RUNNER_UP_MARGIN:
         return f"{count} mountings compared, the best one is clear"
     return f"{count} mountings compared, another one fits {'almost as well' if margin >= 0.0 else 'better'}"
-
-
-def is_rival(best: Mounting, other: Mounting, min_deg: float) -> bool:
-    """Whether a hypothesis is another mounting that is not far enough behind the best one."""
-    return other.rotation_from_best_deg >= min_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN

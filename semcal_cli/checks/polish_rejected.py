@@ -32,7 +32,7 @@ POLISH_REJECTED = Check(
     ),
     settings={
         "": SETTING(at_most=PolishConfig.max_loss, unit="standard errors"),
-        "several starts": SETTING(at_most=PolishConfig.max_loss_among_maxima, unit="standard errors"),
+        "several starts": SETTING(at_most=PolishConfig.max_loss_of_tops, unit="standard errors"),
     },
 )
 POLISH_NOT_TESTED = Check(

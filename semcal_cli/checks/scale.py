@@ -127,9 +127,9 @@ def check_scale(observations: Observations) -> list[str]:
         kind: [index for index, name in enumerate(plain) if name in names.split()]
         for kind, names in NAMES.items()
     }
-    measured = [found for cloud in clouds if (found := _measure(cloud, classes)) is not None]
+    measured = [heights for cloud in clouds if (heights := _measure(cloud, classes)) is not None]
     of_kinds = {kind: [height for _, heights in measured for height in heights[kind]] for kind in HEIGHTS_M}
-    heights_m = {kind: np.array(found) for kind, found in of_kinds.items() if len(found) >= MIN_THINGS}
+    heights_m = {kind: np.array(values) for kind, values in of_kinds.items() if len(values) >= MIN_THINGS}
     median_m = float(np.median(np.concatenate([np.linalg.norm(cloud.points, axis=1) for cloud in clouds])))
     return judge_scale(median_m, [sensor_m for sensor_m, _ in measured], heights_m)
 
@@ -244,6 +244,6 @@ def _height(thing: Vectors, ground: Vectors, sensor_m: float) -> float | None:
     # The next beam above the thing misses it, so half of the distance between beams is added.
     num_gaps = int(np.count_nonzero(np.diff(np.sort(elevations)) > math.radians(0.1)))
     gap_m = distance_m * float(np.ptp(elevations)) / max(num_gaps, 1)
-    top = float(np.quantile(heights, TOP))
-    is_whole = heights.min() < 0.4 * top and gap_m < 0.5 * top
-    return top + 0.5 * gap_m if is_whole and top > 0.0 else None
+    top_m = float(np.quantile(heights, TOP))
+    is_whole = heights.min() < 0.4 * top_m and gap_m < 0.5 * top_m
+    return top_m + 0.5 * gap_m if is_whole and top_m > 0.0 else None

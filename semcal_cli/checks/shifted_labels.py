@@ -124,10 +124,10 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
             unread.add(str(error).replace(str(drive.resolve(image)), image))
             return None
 
-    def of(found: _Displaced) -> str:
+    def of(displaced: _Displaced) -> str:
         names = [frame.points for frame in drive.frames]
-        is_some = len(found.frames) not in (0, found.num_frames)
-        return f" of {frame_list(names, found.frames)}" if is_some else ""
+        is_some = len(displaced.frames) not in (0, displaced.num_frames)
+        return f" of {frame_list(names, displaced.frames)}" if is_some else ""
 
     if not observations.has_partitions:
         points = _moved_points(observations)
@@ -204,9 +204,9 @@ def _moved_pixels(observations: Observations, read_image: Callable[[int], Image 
     A few images are read, and all of them if these raise a doubt.
     """
     few = spread(observations.num_frames)
-    found = _look(observations, read_image, few)
-    if found is None or found.z <= MIN_Z_TO_READ_ON or len(few) == observations.num_frames:
-        return found
+    displaced = _look(observations, read_image, few)
+    if displaced is None or displaced.z <= MIN_Z_TO_READ_ON or len(few) == observations.num_frames:
+        return displaced
     return _look(observations, read_image, range(observations.num_frames))
 
 
@@ -231,12 +231,16 @@ def _look(
     indices = list(indices)
     with thread_pool() as pool:
         steps = dict(zip(indices, pool.map(steps_of, indices), strict=True))
-    found = {index: each.reshape(ROWS * COLUMNS, -1) for index, each in steps.items() if each is not None}
-    if not found:
+    sums = {
+        index: of_image.reshape(ROWS * COLUMNS, -1)
+        for index, of_image in steps.items()
+        if of_image is not None
+    }
+    if not sums:
         return None
     moves, is_good, tiles, places = _moves(observations.camera.width, observations.camera.height)
-    fits = np.array(list(found.values()), np.float64)[:, tiles[:, None], places]
-    return _find_displaced(fits, moves, is_good, list(found))
+    fits = np.array(list(sums.values()), np.float64)[:, tiles[:, None], places]
+    return _find_displaced(fits, moves, is_good, list(sums))
 
 
 def _moves(
@@ -252,12 +256,12 @@ def _moves(
     row, column = np.divmod(np.arange(ROWS * COLUMNS), COLUMNS)
     tiles = np.argsort((row + column) % 2, kind="stable").reshape(2, -1).T.ravel()
     shifts = np.arange(-MAX_SHIFT_PX, MAX_SHIFT_PX + 1, dtype=np.float64)
-    scale, down_px, right_px = (each.ravel() for each in np.meshgrid(SCALES, shifts, shifts, indexing="ij"))
+    scale, down_px, right_px = (axis.ravel() for axis in np.meshgrid(SCALES, shifts, shifts, indexing="ij"))
     u = np.outer((column[tiles] + 0.5) / COLUMNS - 0.5, width * scale) + right_px
     v = np.outer((row[tiles] + 0.5) / ROWS - 0.5, height * scale) + down_px
     size_px = np.sqrt(np.mean(u**2 + v**2, axis=0))
     is_good = (scale == 0.0) & (size_px <= MAX_GOOD_PX)
-    to_column, to_row = (np.rint(each).astype(np.int64) + MAX_SHIFT_PX for each in (u, v))
+    to_column, to_row = (np.rint(shift).astype(np.int64) + MAX_SHIFT_PX for shift in (u, v))
     is_reached = np.all((np.abs(u) < MAX_SHIFT_PX + 0.5) & (np.abs(v) < MAX_SHIFT_PX + 0.5), axis=0)
     tried = np.flatnonzero(is_reached & (is_good | (size_px >= MIN_BAD_PX)))
     places = to_row * len(shifts) + to_column

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import click
 
+from semcal_cli.documentation import entry_address
 from semcal_cli.errors import InputError, SemcalError, first_of, os_reason
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ class CiReport:
     cases: Sequence[Case]
     reasons: Sequence[str] = ()
     """Sentences about all cases together."""
+    topics: Sequence[str] = ()
+    """Topic of each reason, whose entry in the documentation JUnit names; empty if the reasons have none."""
     seconds: float = 0.0
     """Duration of the command. 0 leaves it out, for files whose bytes must be reproducible."""
     inconclusive: Inconclusive = "error"
@@ -74,10 +77,14 @@ class CiReport:
         return (EXIT_CODES | {"inconclusive": INCONCLUSIVE_CODES[self.inconclusive]})[self.verdict]
 
     def junit(self) -> str:
-        """Make JUnit XML with a test case for each check, and the reasons as the suite's output."""
+        """Make JUnit XML with a test case for each check, and the reasons with their entries as the suite's output."""
         elements = {"fail": "failure", "inconclusive": ELEMENTS[self.inconclusive]}
         cases = [(case.name, elements.get(case.verdict), case.figures) for case in self.cases]
-        return _suite(self.command, self.subject, cases, self.reasons, self.seconds)
+        reasons = self.reasons
+        if self.topics:
+            pairs = zip(self.reasons, self.topics, strict=True)
+            reasons = [f"{reason} ({entry_address(topic)})" for reason, topic in pairs]
+        return _suite(self.command, self.subject, cases, reasons, self.seconds)
 
     def tell_github(self) -> None:
         """In a GitHub job, print an annotation and add a table to the job summary."""

@@ -117,7 +117,14 @@ def verify(settings: VerifySettings) -> None:
     cases = [Case.of_check(check) for check in verification.checks]
     seconds = perf_counter() - start
     report = CiReport(
-        "verify", subject, verification.verdict, cases, verification.reasons, seconds, settings.inconclusive
+        "verify",
+        subject,
+        verification.verdict,
+        cases,
+        verification.reasons,
+        verification.topics,
+        seconds,
+        settings.inconclusive,
     )
     if settings.junit is not None:
         write_text(report.junit(), settings.junit)

@@ -212,7 +212,7 @@ class PolishConfig:
     max_loss: float = 3.0
     """A polish is rejected if held-out data get worse by more than this many standard errors. The loss is up to 2.6 on
     36 good calibrations of development drives, and up to 3.8 with K wrong by 10 %."""
-    max_loss_among_maxima: float = 5.0
+    max_loss_of_tops: float = 5.0
     """The same for a pose that is the best of several maxima of all data. Held-out data took part in that choice, and
     lose by any other. With segments the loss is 0 to 3.2 standard errors, 1.9 on average, on 11 good synthetic
     drives."""

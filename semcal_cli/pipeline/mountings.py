@@ -6,13 +6,14 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from semcal_cli.checks.few_scenes import FEW_SCENES
-from semcal_cli.checks.other_mounting import is_rival
+from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
 from semcal_cli.checks.other_pose import OTHER_POSE
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
+from semcal_cli.estimation.search.mounting import Mounting
 from semcal_cli.estimation.search.mounting_search import Initialization, with_best
 from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.events import Listener, Progress
@@ -51,7 +52,7 @@ def resolve_mountings(
         return initial, refined, False
     best = taken = initial.hypotheses[0]
     rivals = [
-        other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
+        other for other in initial.hypotheses if _is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
     is_clear, least = bool(rivals), OTHER_POSE.limit()
     for rival in rivals:
@@ -72,3 +73,8 @@ def resolve_mountings(
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
     return with_best(initial, taken, data.searched_by), refined, is_clear
+
+
+def _is_rival(best: Mounting, other: Mounting, min_deg: float) -> bool:
+    """Whether a hypothesis is another mounting that is not far enough behind the best one."""
+    return other.rotation_from_best_deg >= min_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN

@@ -63,8 +63,6 @@ class Stages:
     unrolled: Observations | None = None
     """Observations that all stages after the refinement saw, line by line, if the shutter rolls; None if they saw those
     of the drive."""
-    of_search: tuple[Finding, ...] = ()
-    """Findings of the search for the mounting."""
     of_data: tuple[Finding, ...] = ()
     """Findings against the data."""
     notes_on_data: tuple[str, ...] = ()
@@ -73,6 +71,8 @@ class Stages:
     """Findings of a comparison of the last pose with something else, such as the poses of other seeds."""
     max_baseline_m: float = math.inf
     """Distance between camera and LiDAR at which the last pose was held; infinite where it was not."""
+    of_search: tuple[Finding, ...] = ()
+    """Findings of the search for the mounting."""
 
     @classmethod
     def from_refined(
@@ -83,8 +83,8 @@ class Stages:
         *,
         is_compensated: bool,
         max_baseline_m: float,
-        of_search: tuple[Finding, ...] = (),
         of_comparison: tuple[Finding, ...] = (),
+        of_search: tuple[Finding, ...] = (),
     ) -> Stages:
         """Start from a refined pose, and check the data that it was found from.
 
@@ -94,18 +94,18 @@ class Stages:
             refined: Result of the refinement; None if it was not run.
             is_compensated: Whether the method compensates a rolling shutter where the motion is known.
             max_baseline_m: Distance between camera and LiDAR at which the pose was held, metres.
-            of_search: Findings of the search for the mounting.
             of_comparison: Findings of a comparison of the pose with something else.
+            of_search: Findings of the search for the mounting.
         """
         of_data, notes = check_data(data.drive, data.observations, is_compensated=is_compensated)
         return cls(
             initial,
             refined,
-            of_search=of_search,
             of_data=of_data,
             notes_on_data=(*data.notes_on_networks, *notes),
             of_comparison=of_comparison,
             max_baseline_m=max_baseline_m,
+            of_search=of_search,
         )
 
     @property
@@ -140,11 +140,11 @@ class Stages:
         """What a result says of each stage that gives a pose, by name."""
         return {
             name: Stage(
-                T_camera_lidar=each.T_camera_lidar.tolist(),
-                mutual_information_nats=each.agreement.mutual_information,
-                bound_nats=each.bound_nats,
+                T_camera_lidar=stage.T_camera_lidar.tolist(),
+                mutual_information_nats=stage.agreement.mutual_information,
+                bound_nats=stage.bound_nats,
             )
-            for name, each in self.poses.items()
+            for name, stage in self.poses.items()
         }
 
     def quality(self, num_frames: int) -> Quality:

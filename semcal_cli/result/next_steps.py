@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from semcal_cli.documentation import ADDRESS
+from semcal_cli.documentation import ADDRESS, entry_address
 from semcal_cli.drive.document import DRIVE_FILE
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Rows: TypeAlias = list[tuple[str, str]]
 """Pairs of a label and a text."""
 TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
-"""Address of the page that explains every finding."""
+"""Address of the page that explains every finding, for results of older versions, which have no topics."""
 
 
 def shell(*words: object) -> str:
@@ -42,7 +42,8 @@ def after_import(drive: Drive) -> str:
 def after_calibration(calibration: CalibrationDocument, result: Path) -> Rows:
     """Describe what to do with a calibration that was written to a file.
 
-    A trusted result is looked at, converted for a robot, and verified later.
+    A trusted result is looked at, converted for a robot, and verified later. Each kind of reason against another one
+    has an entry in the documentation.
     """
     drive = drive_name(Path(os.path.normpath(result.parent / calibration.input.drive)))
     is_start = calibration.status == "not_assessed" and [*calibration.stages] == ["initial"]
@@ -50,10 +51,12 @@ def after_calibration(calibration: CalibrationDocument, result: Path) -> Rows:
         refined = result.with_stem(f"{result.stem}_refined")
         return [("next", shell("refine", drive, "--init", result, "-o", refined))]
     if calibration.status == "not_trusted":
+        entries = [*map(entry_address, dict.fromkeys(calibration.topics))] or [TROUBLESHOOTING]
+        labels = ["why", *[""] * (len(entries) - 1)]
         return [
             ("next", shell("inspect", drive)),
             ("", shell("view", drive, result)),
-            ("why", TROUBLESHOOTING),
+            *zip(labels, entries, strict=True),
         ]
     if calibration.status == "trusted":
         return [

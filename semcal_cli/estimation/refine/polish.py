@@ -55,7 +55,7 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     polished = newton(kept, T_camera_lidar, config)
     held_out_gain = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar)
     gain, sigma = held_out_gain.gain, held_out_gain.sigma
-    max_loss = config.max_loss_among_maxima if observations.is_multimodal else config.max_loss
+    max_loss = config.max_loss_of_tops if observations.is_multimodal else config.max_loss
     # Without a standard error, there is no evidence for the polish.
     is_accepted = math.isfinite(sigma) and gain >= -max_loss * sigma
     T_polished = T_camera_lidar
