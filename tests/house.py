@@ -197,7 +197,15 @@ def printed_units(package: Path) -> list[str]:
     violations = set()
     for path, module in modules(package).items():
         if room_of(path) not in PRINTING_ROOMS and path != POSE_ERRORS:
+            printed = {
+                id(node)
+                for text in ast.walk(module)
+                if isinstance(text, ast.JoinedStr)
+                for node in ast.walk(text)
+            }
             for node in ast.walk(module):
+                if id(node) in printed:
+                    continue
                 name = getattr(node, "id", None) or getattr(node, "attr", None) or getattr(node, "arg", None)
                 if isinstance(name, str) and re.search(r"_[cm]m$", name):
                     violations.add(f"{path}: {name}")

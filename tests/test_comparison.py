@@ -1,5 +1,6 @@
 """Numbers beside what is allowed: with digits that tell them apart, and judged by what is known of them."""
 
+import numpy as np
 import pytest
 
 from semcal_cli.errors import format_against_limit
@@ -39,10 +40,11 @@ def test_two_numbers_are_written_so_that_they_differ(
 def test_a_difference_within_what_is_known_of_its_limit_is_undecided(
     half_a: float | None, half_b: float | None, off: float, verdict: Verdict
 ) -> None:
-    offsets = (off, 0.0, 0.0)
+    offsets_deg = (off, 0.0, 0.0)
     axes = tuple(
-        Axis(f"rotation {axis}", "deg", each, half_a, half_b)
-        for axis, each in zip("xyz", offsets, strict=True)
+        Axis(f"rotation {axis}", "deg", offset_deg, half_a, half_b)
+        for axis, offset_deg in zip("xyz", offsets_deg, strict=True)
     )
-    found = Comparison(PoseError(off, 0.0, offsets, (0.0, 0.0, 0.0)), axes)
-    assert found.verdict(off, 0.3, "deg") == verdict
+    offsets_rad = tuple(np.radians(offsets_deg).tolist())
+    comparison = Comparison(PoseError(offsets_rad[0], 0.0, offsets_rad, (0.0, 0.0, 0.0)), axes)
+    assert comparison.verdict(off, 0.3, "deg") == verdict

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from torch.autograd import gradcheck
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.estimation.refine.torch_geometry import Projection, exp_se3, generators
+from semcal_cli.estimation.refine.torch_geometry import TorchProjection, exp_se3, generators
 
 SAME_PIXEL = 1e-6
 ROUND_OFF = 1e-10
@@ -92,7 +92,7 @@ def test_pixels_are_those_of_opencv(name: str) -> None:
 def test_torch_and_rust_agree_all_round(camera: Camera) -> None:
     points = points_all_round()
     expected = core_camera(camera).project(points)
-    pixels, holds = Projection(camera)(torch.from_numpy(points))
+    pixels, holds = TorchProjection(camera)(torch.from_numpy(points))
     np.testing.assert_array_equal(holds, ~np.isnan(expected[:, 0]))
     np.testing.assert_allclose(pixels[holds], expected[holds.numpy()], atol=SAME_PIXEL)
     assert pixels.isfinite().all()
@@ -103,7 +103,9 @@ def test_what_lies_beyond_the_limit_is_outside(camera: Camera) -> None:
     beyond = incidence(points) > core.limit
     assert camera.model == "equirectangular" or beyond.any()
     np.testing.assert_array_equal(np.isnan(core.project(points)).any(1), beyond)
-    pixels, holds = Projection(camera)(torch.tensor([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]], dtype=torch.float64))
+    pixels, holds = TorchProjection(camera)(
+        torch.tensor([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]], dtype=torch.float64)
+    )
     assert camera.model == "equirectangular" or not holds[0]
     assert pixels.isfinite().all()
 
@@ -114,7 +116,7 @@ def test_a_point_beyond_has_the_pixel_of_the_last_one_in_its_direction() -> None
     angles = torch.tensor([limit - 1e-9, limit + 0.1, math.pi - 0.1], dtype=torch.float64)
     across = torch.sin(angles)
     points = torch.stack([across * math.cos(turn), across * math.sin(turn), torch.cos(angles)], 1)
-    pixels, holds = Projection(camera)(points)
+    pixels, holds = TorchProjection(camera)(points)
     assert holds.tolist() == [True, False, False]
     np.testing.assert_allclose(pixels[1:], pixels[:1].expand(2, 2), atol=SAME_PIXEL)
 
@@ -134,12 +136,12 @@ def test_gradient(camera: Camera) -> None:
     points = points_all_round(60)
     within = points[incidence(points) < 0.95 * min(core_camera(camera).limit, 2.8)][:8]
     assert len(within) == 8
-    assert gradcheck(lambda p: Projection(camera)(p)[0], torch.from_numpy(within).requires_grad_())
+    assert gradcheck(lambda p: TorchProjection(camera)(p)[0], torch.from_numpy(within).requires_grad_())
 
 
 def test_gradients_are_finite_on_the_axis_and_beyond_the_limit(camera: Camera) -> None:
     points = torch.tensor([[0.0, 0.0, 4.0], [1.0, 0.5, -7.0]], dtype=torch.float64, requires_grad=True)
-    Projection(camera)(points)[0].sum().backward()
+    TorchProjection(camera)(points)[0].sum().backward()
     assert points.grad.isfinite().all()
 
 

@@ -119,9 +119,7 @@ def _maxima(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose
         for end in sorted(ends, key=lambda end: -end.mutual_information):
             away = compare_poses(end.T_camera_lidar, T_camera_lidar)
             # A rival is farther away than a trusted pose may be uncertain.
-            is_far = (
-                away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_cm > 100.0 * MAX_HALF_WIDTH_M
-            )
+            is_far = away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_m > MAX_HALF_WIDTH_M
             (far if is_far else near).append(end.T_camera_lidar)
         far, near = far[:NUM_COMPARED], near[:NUM_COMPARED]
         poses = far if observations.is_multimodal else far + near

@@ -30,8 +30,8 @@ Inconclusive: TypeAlias = Literal["error", "fail", "skip"]
 """How CI counts an inconclusive verdict: as an error (exit code 4), a failure (3), or skipped (0)."""
 INCONCLUSIVE_CODES: dict[Inconclusive, int] = {"error": 4, "fail": 3, "skip": 0}
 ELEMENTS: dict[Inconclusive, str] = {"error": "error", "fail": "failure", "skip": "skipped"}
-Level: TypeAlias = Literal["notice", "warning", "error"]
-LEVELS: dict[Verdict, Level] = {"pass": "notice", "fail": "error", "inconclusive": "warning"}
+AnnotationLevel: TypeAlias = Literal["notice", "warning", "error"]
+LEVELS: dict[Verdict, AnnotationLevel] = {"pass": "notice", "fail": "error", "inconclusive": "warning"}
 MAX_CASES = 20
 """Largest number of cases that an annotation names; the files list all."""
 
@@ -126,7 +126,7 @@ def _may_replace(junit: Path, read: Sequence[Path]) -> bool:
     return not junit.is_file() or read_start(junit, len(XML_START)) == XML_START
 
 
-def annotate(command: str, level: Level, text: str) -> None:
+def annotate(command: str, level: AnnotationLevel, text: str) -> None:
     """Print an annotation if this is a GitHub job; GitHub reads stderr, too."""
     if os.environ.get(GITHUB_ACTIONS) != "true":
         return

@@ -61,8 +61,9 @@ def compare(settings: CompareSettings) -> None:
     cases = [Case(*each) for each in zip(names, verdicts, figures, strict=True)]
     report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
     if settings.as_json:
-        more = {"same": verdict == "pass", "verdict": verdict}
-        click.echo(json.dumps(asdict(comparison) | more, allow_nan=False))
+        document = asdict(comparison) | {"error": comparison.error.describe()}
+        document |= {"same": verdict == "pass", "verdict": verdict}
+        click.echo(json.dumps(document, allow_nan=False))
     else:
         console = make_console(stderr=False)
         console.print(f"{'':<18}{'A minus B':>14}   {'95 % of A':<12}95 % of B")

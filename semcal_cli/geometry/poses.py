@@ -6,6 +6,7 @@ The core computes what every calibration needs, because loading SciPy takes long
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -218,29 +219,59 @@ def check_baseline(name: str, T_camera_lidar: Pose, max_baseline_m: float) -> No
 
 @dataclass(frozen=True)
 class PoseError:
-    """The difference of `T_camera_lidar` from `T_reference`."""
+    """The difference of `T_camera_lidar` from `T_reference`, in radians and metres, and as it is printed."""
 
-    rotation_deg: float
+    rotation_rad: float
     """Geodesic angle between the rotations."""
-    camera_center_cm: float
+    camera_center_m: float
     """Distance between the camera centres in the LiDAR frame."""
-    rotation_xyz_deg: tuple[float, ...]
+    rotation_xyz_rad: tuple[float, ...]
     """Rotation vector of R R_ref^T, along the axes of the camera."""
-    camera_center_xyz_cm: tuple[float, ...]
+    camera_center_xyz_m: tuple[float, ...]
     """Camera centre minus reference centre, along the axes of the reference camera."""
 
     @property
     def offsets(self) -> Vector:
         """Differences along and about the axes of the camera (6,), metres and degrees, like intervals."""
-        return np.array([*(0.01 * x for x in self.camera_center_xyz_cm), *self.rotation_xyz_deg])
+        return np.array([*self.camera_center_xyz_m, *self.rotation_xyz_deg])
+
+    @property
+    def rotation_deg(self) -> float:
+        """Geodesic angle between the rotations, to be printed."""
+        return math.degrees(self.rotation_rad)
+
+    @property
+    def rotation_xyz_deg(self) -> tuple[float, ...]:
+        """Rotation vector, to be printed."""
+        return tuple(math.degrees(angle) for angle in self.rotation_xyz_rad)
+
+    @property
+    def camera_center_cm(self) -> float:
+        """Distance between the camera centres, to be printed."""
+        return 100.0 * self.camera_center_m
+
+    @property
+    def camera_center_xyz_cm(self) -> tuple[float, ...]:
+        """Difference of the camera centres, to be printed."""
+        return tuple(100.0 * length for length in self.camera_center_xyz_m)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the figures as documents and JSON have them, in degrees and centimetres."""
+        return {
+            "rotation_deg": self.rotation_deg,
+            "camera_center_cm": self.camera_center_cm,
+            "rotation_xyz_deg": list(self.rotation_xyz_deg),
+            "camera_center_xyz_cm": list(self.camera_center_xyz_cm),
+        }
 
 
 def compare_poses(T_camera_lidar: Pose, T_reference: Pose) -> PoseError:
     """Measure a calibration against a reference; both map LiDAR to camera."""
-    center_lidar_cm = 100.0 * (camera_center(T_camera_lidar) - camera_center(T_reference))
+    rotation_xyz_rad = rotation_difference(T_camera_lidar, T_reference)
+    center_lidar_m = camera_center(T_camera_lidar) - camera_center(T_reference)
     return PoseError(
-        rotation_deg=rotation_error_deg(T_camera_lidar, T_reference),
-        camera_center_cm=float(np.linalg.norm(center_lidar_cm)),
-        rotation_xyz_deg=tuple(np.degrees(rotation_difference(T_camera_lidar, T_reference)).tolist()),
-        camera_center_xyz_cm=tuple((T_reference[:3, :3] @ center_lidar_cm).tolist()),
+        rotation_rad=float(np.linalg.norm(rotation_xyz_rad)),
+        camera_center_m=float(np.linalg.norm(center_lidar_m)),
+        rotation_xyz_rad=tuple(rotation_xyz_rad.tolist()),
+        camera_center_xyz_m=tuple((T_reference[:3, :3] @ center_lidar_m).tolist()),
     )

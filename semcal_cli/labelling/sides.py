@@ -35,7 +35,7 @@ NO_BYTE = 255
 """The same in 8-bit label images."""
 OPTIONAL_KEYS = ("constants", "mask_size", "multiple", "overlap", "resample")
 """Keys of a card on which labels depend, and which a record holds only if they are not the default."""
-ClassIds: TypeAlias = Mapping[str, tuple[int, ...]]
+NamedIds: TypeAlias = Mapping[str, tuple[int, ...]]
 """Ids of each name; empty without names."""
 
 
@@ -49,7 +49,7 @@ class LabelSide:
     """Key of the file that is labelled."""
     suffix: str
     """Suffix of label files."""
-    classes: ClassIds
+    classes: NamedIds
     ignore: tuple[int, ...]
     """Ids that carry no information."""
     settings: Mapping[str, object]
@@ -158,7 +158,7 @@ def segment_side() -> LabelSide:
 
 
 def _point_side(
-    classes: ClassIds,
+    classes: NamedIds,
     ignore: tuple[int, ...],
     settings: Mapping[str, object],
     label_points: Callable[[SweepCloud], npt.NDArray[Any]],

@@ -76,10 +76,10 @@ def compare(a: Extrinsic, b: Extrinsic) -> Comparison:
     """Compare two transforms along the axes of B's camera."""
     error = compare_poses(a.T_camera_lidar, b.T_camera_lidar)
     axes = []
-    for index, difference in enumerate([*error.camera_center_xyz_cm, *error.rotation_xyz_deg]):
+    for index, offset in enumerate(error.offsets.tolist()):
         name, unit, scale = ("camera centre", "cm", 100.0) if index < 3 else ("rotation", "deg", 1.0)
         half_a, half_b = (
             None if each.half_widths is None else scale * each.half_widths[index] for each in (a, b)
         )
-        axes.append(Axis(f"{name} {'xyz'[index % 3]}", unit, difference, half_a, half_b))
+        axes.append(Axis(f"{name} {'xyz'[index % 3]}", unit, scale * offset, half_a, half_b))
     return Comparison(error, tuple(axes))

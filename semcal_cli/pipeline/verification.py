@@ -202,8 +202,7 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     T_stated, estimate = stated.T_camera_lidar, stages.T_camera_lidar
     error = compare_poses(T_stated, estimate)
     half_widths = None if uncertainty is None else uncertainty.half_widths
-    center_m = [0.01 * x for x in error.camera_center_xyz_cm]
-    checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits)
+    checks = judge(error.camera_center_xyz_m, error.rotation_xyz_deg, half_widths, limits)
     of_clock = list[str]()
     if limits.delay_s is not None:
         check, of_clock = _check_clock(data, stages, limits.delay_s)
@@ -248,7 +247,7 @@ def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Axi
 
 def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
     error = compare_poses(T_a, T_b)
-    return error.rotation_deg <= angle_deg and error.camera_center_cm <= 100.0 * distance_m
+    return error.rotation_deg <= angle_deg and error.camera_center_m <= distance_m
 
 
 def recognise(T_given: Pose, T_estimate: Pose) -> list[str]:

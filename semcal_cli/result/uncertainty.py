@@ -243,8 +243,8 @@ def intervals(half_widths: Sequence[float]) -> tuple[str, str]:
 
 def widest(half_widths: Sequence[float]) -> str:
     """Format the widest of the intervals (6,), metres and degrees, of the position and of the rotation."""
-    center_mm, rotation_deg = 1000.0 * max(half_widths[:3]), max(half_widths[3:])
-    return f"+- {center_mm:.1f} mm, +- {rotation_deg:.3f} degrees (95 %)"
+    center_m, rotation_deg = max(half_widths[:3]), max(half_widths[3:])
+    return f"+- {1000.0 * center_m:.1f} mm, +- {rotation_deg:.3f} degrees (95 %)"
 
 
 def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
@@ -253,8 +253,8 @@ def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
     in_image = "" if radius_px is None else f", {figure(radius_px)} px at {AHEAD_M:g} m"
     of_intrinsics, of_K = uncertainty.half_widths_of_intrinsics.tolist(), ""
     if any(of_intrinsics):
-        center_mm, rotation_deg = 1000.0 * max(of_intrinsics[:3]), max(of_intrinsics[3:])
-        of_K = f", of which K {center_mm:.1f} mm, {rotation_deg:.3f} degrees"
+        center_m, rotation_deg = max(of_intrinsics[:3]), max(of_intrinsics[3:])
+        of_K = f", of which K {1000.0 * center_m:.1f} mm, {rotation_deg:.3f} degrees"
     return widest(uncertainty.half_widths) + of_K + in_image
 
 

@@ -25,7 +25,7 @@ from semcal_cli.config.mine_config import MineConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.refine.pyramid import pyramid_factors
 from semcal_cli.estimation.refine.statistics_network import DonskerVaradhan, StatisticsNetwork
-from semcal_cli.estimation.refine.torch_geometry import Projection, exp_se3
+from semcal_cli.estimation.refine.torch_geometry import TorchProjection, exp_se3
 from semcal_cli.formats import read_transform
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import load_observations
@@ -112,7 +112,7 @@ class Scene:
 
     def __init__(self, observations: Observations) -> None:
         self.camera = observations.camera
-        self.projection = Projection(self.camera)
+        self.projection = TorchProjection(self.camera)
         self.size = torch.tensor([self.camera.width, self.camera.height], dtype=torch.float64)
         self.num_x, self.num_y = len(observations.point_class_names), len(observations.image_class_names)
         images = torch.from_numpy(np.stack([image.classes for image in observations.images])).long()

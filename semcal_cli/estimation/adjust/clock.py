@@ -117,8 +117,8 @@ def notes_on_clock(data: LoadedDrive, clock: ClockUncertainty | None) -> tuple[s
         why = "the drive gives no direction of motion"
     elif (twists := twists_per_s(data.first_cue)) is not None and differs(twists):
         why = "the frames do not determine it"
-    cost_cm = 100.0 * clock.sigma_s * clock.speed_m_s
+    cost_m = clock.sigma_s * clock.speed_m_s
     return (
-        f"the clock was not checked: {why}. If images are {sigma_ms:.3g} ms off, the camera is {cost_cm:.2g} cm off at "
-        f"{clock.speed_m_s:.3g} m/s, which the interval includes",
+        f"the clock was not checked: {why}. If images are {sigma_ms:.3g} ms off, the camera is "
+        f"{100.0 * cost_m:.2g} cm off at {clock.speed_m_s:.3g} m/s, which the interval includes",
     )

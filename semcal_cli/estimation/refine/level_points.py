@@ -16,7 +16,7 @@ from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.statistics_network import SeparableNetwork, StatisticsNetwork
-from semcal_cli.estimation.refine.torch_geometry import Projection
+from semcal_cli.estimation.refine.torch_geometry import TorchProjection
 from semcal_cli.geometry.arrays import Features, Pose
 from semcal_cli.observations.observations import Observations
 
@@ -131,7 +131,7 @@ class FeaturePoints:
             visible_only: Whether points that the camera cannot see are dropped.
         """
         self.network, self.device = network, device
-        self.projection = Projection(observations.camera)
+        self.projection = TorchProjection(observations.camera)
         vectors = feature_vectors(observations)
         given_px = observations.camera.width // vectors[0][1].shape[1]
         pooled = max(1, factor // given_px)

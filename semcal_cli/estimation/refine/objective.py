@@ -22,7 +22,7 @@ from torch.nn import functional
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import CalibrationError
-from semcal_cli.estimation.refine.torch_geometry import Projection
+from semcal_cli.estimation.refine.torch_geometry import TorchProjection
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
 
@@ -55,7 +55,7 @@ class MutualInformation(torch.nn.Module):
             seed: Seed of the shuffling.
         """
         super().__init__()
-        self.projection = Projection(camera)
+        self.projection = TorchProjection(camera)
         self.size = camera.width, camera.height
         self.num_frames = len(points)
         for frame, tensors in enumerate(zip(points, x, y, strict=True)):

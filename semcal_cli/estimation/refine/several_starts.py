@@ -166,9 +166,7 @@ class SeveralStarts:
     def _distance(self, T_camera_lidar: Pose) -> float:
         """Distance from the start, relative to the farthest starts."""
         away, starts = compare_poses(T_camera_lidar, self.given[0]), self.starts
-        return max(
-            away.rotation_deg / starts.spread_deg[1], 0.01 * away.camera_center_cm / starts.spread_m[1]
-        )
+        return max(away.rotation_deg / starts.spread_deg[1], away.camera_center_m / starts.spread_m[1])
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
         return _is_within(T_camera_lidar, self.given[0], self.starts.farthest_deg, self.starts.farthest_m)
@@ -191,4 +189,4 @@ def _distinct(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
 
 def _is_within(T_camera_lidar: Pose, T_other: Pose, angle_deg: float, distance_m: float) -> bool:
     away = compare_poses(T_camera_lidar, T_other)
-    return away.rotation_deg <= angle_deg and away.camera_center_cm <= 100.0 * distance_m
+    return away.rotation_deg <= angle_deg and away.camera_center_m <= distance_m

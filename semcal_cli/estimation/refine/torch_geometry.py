@@ -50,7 +50,7 @@ def generators(like: Tensor) -> Tensor:
     return basis
 
 
-class Projection(torch.nn.Module):
+class TorchProjection(torch.nn.Module):
     """The projection of points in the camera frame to pixels (u, v); an integer pixel is a pixel centre."""
 
     coefficients: Tensor

@@ -186,11 +186,10 @@ def _align_given(
     if not observations.by_classes:
         return candidates
     T_given = given.T_camera_lidar
-    moved_cm = [compare_poses(candidate.T_camera_lidar, T_given).camera_center_cm for candidate in candidates]
     return [
         candidate
-        for candidate, by_cm in zip(candidates, moved_cm, strict=True)
-        if by_cm <= 100.0 * FARTHEST_M
+        for candidate in candidates
+        if compare_poses(candidate.T_camera_lidar, T_given).camera_center_m <= FARTHEST_M
     ]
 
 

@@ -105,9 +105,7 @@ def label_bleed(
         return None
     difference = compare_poses(after.T_camera_lidar, as_they_are.T_camera_lidar)
     # A translation in the camera frame moves the camera's centre in the opposite direction.
-    twist = np.concatenate(
-        [-0.01 * np.array(difference.camera_center_xyz_cm), np.radians(difference.rotation_xyz_deg)]
-    )
+    twist = np.concatenate([-np.array(difference.camera_center_xyz_m), np.array(difference.rotation_xyz_rad)])
     moved = np.abs(twist if label_gain is None else label_gain @ twist)
     return LabelBleed(camera_center_m=moved[:3].tolist(), rotation_deg=np.degrees(moved[3:]).tolist())
 

@@ -86,19 +86,19 @@ class CameraPair:
         if self.error is None or uncertainty is None:
             return None
         # A translation rho moves the camera centre in the opposite direction.
-        center_m = [-0.01 * x for x in self.error.camera_center_xyz_cm]
-        offset = np.array([*center_m, *np.radians(self.error.rotation_xyz_deg)])
+        center_m = [-x for x in self.error.camera_center_xyz_m]
+        offset = np.array([*center_m, *self.error.rotation_xyz_rad])
         squared = float(offset @ np.linalg.solve(np.array(uncertainty.covariance), offset))
         return squared <= joint_quantile(0.05, min(uncertainty.degrees_of_freedom))
 
     def describe(self) -> dict[str, Any]:
         """Make the entry of the pair in the document of a rig; the camera centre is that of a in the frame of b."""
         reference, excluded = None, {"weak_directions", "label_bleed", "intrinsics_cost"}
-        if self.reference is not None:
+        if self.reference is not None and self.error is not None:
             reference = {
                 "source": self.reference.source,
                 "T_a_b": self.reference.T_a_b.tolist(),
-                **{name: list(v) if isinstance(v, tuple) else v for name, v in vars(self.error).items()},
+                **self.error.describe(),
                 "is_explained": self.is_explained,
             }
         return {
