@@ -1,62 +1,113 @@
-"""The recipes of CONTRIBUTING.md work, followed to the letter."""
+"""Who follows a recipe of CONTRIBUTING.md to the letter has a new format, cue, data set or check."""
 
+import os
 import re
+import shutil
+import subprocess
 import sys
 import textwrap
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType
+from typing import NamedTuple
 
 import pytest
 from documentation import ROOT
-from troubleshooting import page
 
-from semcal_cli import checks
-from semcal_cli.checks import registry
+import semcal_cli
 
-
-def recipe(title: str) -> list[str]:
-    """List the blocks in the ordered steps of the section of CONTRIBUTING.md with a title."""
-    _, _, text = (ROOT / "CONTRIBUTING.md").read_text().partition(f"## {title}\n")
-    section = text.partition("\n## ")[0]
-    indented = re.findall(r"^ +```\w+\n(.*?)^ +```$", section, re.MULTILINE | re.DOTALL)
-    return [textwrap.dedent(block) for block in indented]
+TITLES = ("Add a format", "Add a cue", "Add a data set", "Add a check")
+STEP = re.compile(r"^\d\. ((?:(?!^ +```).)*?)\n\n +```\w+\n(.*?)^ +```$", re.MULTILINE | re.DOTALL)
+FILE = re.compile(r"`([\w/]+\.py)`")
 
 
-def module_of(name: str, text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """Import a module with this text, as if it were a part of the package."""
-    path = folder / f"{name.rpartition('.')[2]}.py"
+class Step(NamedTuple):
+    """A step of a recipe: a file to write, or a line to add to a table of a file."""
+
+    path: str
+    table: str | None
+    text: str
+
+
+def recipe(title: str) -> list[Step]:
+    """List the steps under a heading that have a block."""
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    section = re.split(r"^##", page.partition(f"### {title}\n")[2], maxsplit=1, flags=re.MULTILINE)[0]
+    steps = []
+    for words, block in STEP.findall(section):
+        (path,) = FILE.findall(words)
+        table = re.search(r"`([A-Z]\w+)` of", words)
+        steps.append(Step(path, table and table[1], textwrap.dedent(block)))
+    return steps
+
+
+def follow(step: Step, folder: Path) -> None:
+    """Do what a step says: write the file, replace the line of an assignment, or add an entry and its import."""
+    path = folder / step.path
+    if step.table is None:
+        path.write_text(step.text)
+        return
+    text = path.read_text()
+    if step.text.startswith(step.table):
+        pattern, new = rf"^{step.table}\b.*\n", step.text
+    else:
+        pattern, new = rf"^{step.table}\b.*[\[({{]\n", rf"\g<0>    {step.text}"
+    text, count = re.subn(pattern, new, text, flags=re.MULTILINE)
+    assert count == 1, step
+    if module := re.fullmatch(r"(\w+)\.\w+,\n", step.text):
+        package = path.parent.relative_to(folder).as_posix().replace("/", ".")
+        opening = rf"^from {package} import \(\n"
+        text, count = re.subn(opening, rf"\g<0>    {module[1]},\n", text, flags=re.MULTILINE)
+        assert count == 1, step
     path.write_text(text)
-    spec = spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, name, module)
-    spec.loader.exec_module(module)
-    return module
 
 
-def test_a_check_that_is_added_by_the_recipe_is_on_the_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file, line, test = recipe("Add a check")
-    added = module_of("semcal_cli.checks.overexposed", file, tmp_path, monkeypatch)
-    monkeypatch.setattr(checks, "overexposed", added, raising=False)
-    table = Path(registry.__file__).read_text()
-    place, first = "    baseline.FAR_CAMERA,\n", "    baseline,\n"
-    assert table.count(place) == table.count(first) == 1
-    table = table.replace(place, f"    {line}{place}").replace(first, f"    overexposed,\n{first}")
-    registered = module_of("semcal_cli.checks.registry", table, tmp_path, monkeypatch)
-    generated, today = page(registered.ALL_CHECKS), page()
-    new = [text for text in generated.splitlines() if text not in today.splitlines()]
-    assert new[0] == "| [overexposed](#overexposed) | Images are overexposed | at most 20 % |"
-    assert new[1:] == [
-        '### <a id="overexposed"></a>Images are overexposed',
-        "> 31% of the pixels are white, needed at most 20%: record again with a shorter exposure",
-        "- **What it means.** Much of the images is white, so that edges and classes are lost there.",
-        "- **Why it comes up.** The exposure is set for the shade.",
-        "- **What to do.** Record again with a shorter exposure.",
-        "- **Figure.** Share of the pixels that are white.",
-        "- **Limit.** At most 20 %: an example.",
-    ]
-    module_of("test_overexposed", test, tmp_path, monkeypatch).test_white_images_are_doubted()
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of semcal, and of the modules that its tests share, in which all recipes were followed."""
+    folder = tmp_path_factory.mktemp("clone")
+    ignored = shutil.ignore_patterns("__pycache__", "*.pyc", "test_*.py")
+    shutil.copytree(Path(semcal_cli.__file__).parent, folder / "semcal_cli", ignore=ignored)
+    shutil.copytree(ROOT / "tests", folder / "tests", ignore=ignored)
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    for step in (step for title in TITLES for step in recipe(title)):
+        follow(step, folder)
+    return folder
+
+
+def run(copy: Path, *words: object) -> str:
+    env = os.environ | {"PYTHONPATH": str(copy)}
+    command = [sys.executable, *map(str, words)]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, cwd=copy)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("title", TITLES)
+def test_a_recipe_is_one_file_one_line_and_one_test(title: str) -> None:
+    file, line, test = recipe(title)
+    assert (file.table, test.table) == (None, None)
+    assert line.table is not None
+    assert len(line.text.splitlines()) == 1
+    assert test.path.startswith("tests/test_")
+
+
+def test_the_tests_of_the_recipes_pass(copy: Path) -> None:
+    paths = [recipe(title)[-1].path for title in TITLES]
+    run(copy, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *paths)
+
+
+def test_the_commands_know_what_was_added(copy: Path, street: Path, tmp_path: Path) -> None:
+    assert "my-robot" in run(copy, "-m", "semcal_cli", "convert", "--formats")
+    assert "my-rig" in run(copy, "-m", "semcal_cli", "import", "--help")
+    path = tmp_path / "made.yaml"
+    words = ("refine", street, "--init", street, "--cue", "height", "--no-polish", "-q", "-o", path)
+    run(copy, "-m", "semcal_cli", *words)
+    assert "height: {}" in path.read_text()
+
+
+def test_the_check_is_on_the_page(copy: Path) -> None:
+    page = copy / "troubleshooting.md"
+    run(copy, "tests/benchmarks/troubleshooting.py", page)
+    text = page.read_text()
+    assert "| [overexposed](#overexposed) | Images are overexposed | at most 20 % |" in text
+    assert "- **What to do.** Record again with a shorter exposure.\n- **Figure.**" in text
+    assert "- **Limit.** At most 20 %: an example." in text
