@@ -10,6 +10,7 @@ Names are imported on first use, so that importing the package costs nothing.
 
 from importlib import import_module
 from typing import TYPE_CHECKING
+from warnings import warn
 
 if TYPE_CHECKING:
     from semcal_cli.api.calls import (
@@ -81,6 +82,8 @@ _MODULES = {
 }
 """Where the public names are defined."""
 
+_RENAMED = {"JointlyConfig": "AdjustmentConfig"}
+"""Public names of earlier versions, which stay for two minor versions."""
 __all__ = [*_MODULES, "__version__"]
 
 
@@ -90,6 +93,9 @@ def __getattr__(name: str) -> object:
         from importlib.metadata import version
 
         return version("semcal")
+    if name in _RENAMED:
+        warn(f"semcal.{name} is now semcal.{_RENAMED[name]}", DeprecationWarning, stacklevel=2)
+        name = _RENAMED[name]
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

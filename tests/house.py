@@ -23,6 +23,18 @@ OF_FILES = {"hashes", "relative_to"}
 ARRAYS = "geometry/arrays.py"
 """The module of the names of array types."""
 MAX_PUBLIC_NAMES = 25
+MORE_PUBLIC_NAMES = {
+    "checks": 26,
+    "drive": 39,
+    "estimation/uncertainty": 30,
+    "files": 82,
+    "geometry": 30,
+    "observations": 60,
+    "pipeline": 29,
+    "report": 26,
+    "result": 55,
+}
+"""Rooms that still have more than the rest may have: their numbers may only fall."""
 OF_PROBLEM = {"max_baseline_m", "edge_band_px"}
 FALLBACKS = {"MAX_BASELINE_M", "EDGE_BAND_PX"}
 """What describes the problem stands on its observations: settings of a solver that repeat it can be forgotten."""
@@ -144,9 +156,9 @@ def imported_names(package: Path) -> dict[str, set[str]]:
 
 def crowded_rooms(package: Path) -> list[str]:
     return [
-        f"{room}: {len(names)} public names, needed at most {MAX_PUBLIC_NAMES}"
+        f"{room}: {len(names)} public names, needed at most {most}"
         for room, names in sorted(imported_names(package).items())
-        if room not in BROAD_ROOMS and len(names) > MAX_PUBLIC_NAMES
+        if room not in BROAD_ROOMS and len(names) > (most := MORE_PUBLIC_NAMES.get(room, MAX_PUBLIC_NAMES))
     ]
 
 

@@ -25,8 +25,8 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
         "checks/a.py": "is_by_edges = 'edges' in data.cues",
     },
     house.crowded_rooms: {
-        "files/a.py": "",
-        "checks/a.py": f"from planted.files.a import {', '.join(f'name_{n}' for n in range(26))}",
+        "synthetic/a.py": "",
+        "checks/a.py": f"from planted.synthetic.a import {', '.join(f'name_{n}' for n in range(26))}",
     },
 }
 """A violation of each rule: files of a package, by their paths in it."""
