@@ -6,6 +6,7 @@ import ast
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import get_args
 
@@ -55,6 +56,7 @@ BROAD_ROOMS = {"cli", "config", "formats"}
 types are words of the whole package, and count for no room."""
 
 
+@cache
 def modules(package: Path) -> dict[str, ast.Module]:
     """Parse all modules of a package, by their paths in it."""
     return {
