@@ -237,5 +237,5 @@ def _check_text(argument: str) -> None:
     try:
         argument.encode()
     except UnicodeEncodeError:
-        found = argument.encode(errors="backslashreplace").decode()
-        raise InputError(f"{found}: found bytes that are not UTF-8, needed text") from None
+        text = argument.encode(errors="backslashreplace").decode()
+        raise InputError(f"{text}: found bytes that are not UTF-8, needed text") from None

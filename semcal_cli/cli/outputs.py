@@ -233,8 +233,8 @@ def folder_of(output: Path | None) -> Path:
 
 def files_read(drive: Drive, *others: Path | None) -> list[Path]:
     """List the files of a drive, and those of other transforms or drives."""
-    given = [drive_file(path) for path in others if path is not None]
-    return [drive.path, *map(drive.resolve, drive.files()), *given]
+    files = [drive_file(path) for path in others if path is not None]
+    return [drive.path, *map(drive.resolve, drive.files()), *files]
 
 
 def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
