@@ -69,10 +69,10 @@ def assess(
         return stages
     on_event(Progress("assessing"))
     start = perf_counter()
-    seen, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
-    pose = _AssessedPose(seen, stages, config.polish, ClockUncertainty.of(seen, T, config.polish))
+    used, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
+    pose = _AssessedPose(used, stages, config.polish, ClockUncertainty.of(used, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(seen.checked_by, T, with_clock=pose.tells_clock)
+        measured = check_consistency(used.checked_by, T, with_clock=pose.tells_clock)
         assessment = _compare_frames(pose).with_measured(*measured)
     else:
         can_bleed = with_label_bleed and data.policy.has_label_bleed
@@ -232,7 +232,7 @@ def _uncertainty(pose: _AssessedPose, *, with_label_bleed: bool) -> Uncertainty 
 
 
 def _advice(pose: _AssessedPose, uncertainty: Uncertainty) -> str | None:
-    """Say what to do where only unknowns besides the pose make an interval too wide; None for other intervals."""
+    """Describe what to do where only unknowns besides the pose make an interval too wide; None for other intervals."""
     joint, budget = pose.stages.joint, pose.budget
 
     def is_narrow_without(part: Matrix | None) -> bool:

@@ -54,7 +54,7 @@ def resolve_mountings(
     rivals = [
         other for other in initial.hypotheses if _is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
-    is_clear, least = bool(rivals), OTHER_POSE.limit()
+    is_clear, limit = bool(rivals), OTHER_POSE.limit()
     for rival in rivals:
         on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
         # A mounting in which sweeps and images do not overlap is none.
@@ -63,13 +63,13 @@ def resolve_mountings(
             T_coarse = newton(
                 observations, several.coarse_maximum(rival.T_camera_lidar), PolishConfig()
             ).T_camera_lidar
-            if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
+            if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= limit:
                 continue
             of_rival = refine(rival.T_camera_lidar)
             (behind,) = sigmas_behind(observations, refined.T_camera_lidar, [of_rival.T_camera_lidar])
             if behind < 0.0:
                 taken, refined = rival, of_rival
-            is_clear &= abs(behind) >= least
+            is_clear &= abs(behind) >= limit
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
     return with_best(initial, taken, data.searched_by), refined, is_clear

@@ -179,6 +179,6 @@ def _plug_in(x: Tensor, y: Tensor) -> Tensor:
         raise CalibrationError("no overlap: no labelled point lands on a labelled pixel")
     joint = joint / joint.sum()
     independent = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
-    seen = joint > 0.0
-    information: Tensor = (joint[seen] * (joint[seen] / independent[seen]).log()).sum()
+    is_observed = joint > 0.0
+    information: Tensor = (joint[is_observed] * (joint[is_observed] / independent[is_observed]).log()).sum()
     return information

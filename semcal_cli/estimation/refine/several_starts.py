@@ -146,12 +146,12 @@ class SeveralStarts:
         def near_a_maximum(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
             return [end for end in ends if end.mutual_information >= NEAR_A_MAXIMUM * highest]
 
-        ends, given = compared(self.poses), compared(self.given)
+        ends, candidates = compared(self.poses), compared(self.given)
         highest = ends[0].mutual_information
         ends = near_a_maximum(ends)[:NUM_POLISHED]
-        of_given = [*given, *polished(near_a_maximum(given))]
-        needed = max(end.mutual_information for end in of_given)
-        ranked = sorted([*polished(ends), *ends, *of_given], key=lambda end: -end.mutual_information)
+        of_candidates = [*candidates, *polished(near_a_maximum(candidates))]
+        needed = max(end.mutual_information for end in of_candidates)
+        ranked = sorted([*polished(ends), *ends, *of_candidates], key=lambda end: -end.mutual_information)
         best, *others = [maximum for maximum in _distinct(ranked) if maximum.mutual_information >= needed]
         gains = core.information_gains(
             self.observations.core,
