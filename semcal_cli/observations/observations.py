@@ -202,8 +202,8 @@ class Observations:
         """Observations of some of the frames, by each cue."""
         kept = list(indices)
         of_cues = (self.frame_observations[self.span_of_cue(cue)] for cue in range(self.num_cues))
-        known = None if self.known_scenes is None else [self.known_scenes[index] for index in kept]
-        return replace(self._with(of_cue[index] for of_cue in of_cues for index in kept), known_scenes=known)
+        scenes = None if self.known_scenes is None else [self.known_scenes[index] for index in kept]
+        return replace(self._with(of_cue[index] for of_cue in of_cues for index in kept), known_scenes=scenes)
 
     def of_cue(self, cue: int) -> Observations:
         """Observations of all frames by one cue, counted from 0."""

@@ -64,8 +64,8 @@ def check_covariance(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, 
         raise mismatch(f"entries that differ by {skew:.3g} across the diagonal", "a symmetric matrix")
     if (variance := np.diag(covariance).min()) < 0.0:
         raise mismatch(f"a variance of {variance:.3g}", "at least 0")
-    if (least := np.linalg.eigvalsh(0.5 * (covariance + covariance.T)).min()) < -tolerance:
-        raise mismatch(f"an eigenvalue of {least:.3g}", "a positive semidefinite matrix")
+    if (smallest := np.linalg.eigvalsh(0.5 * (covariance + covariance.T)).min()) < -tolerance:
+        raise mismatch(f"an eigenvalue of {smallest:.3g}", "a positive semidefinite matrix")
     return rows
 
 
@@ -117,9 +117,9 @@ class IntrinsicsCost(StrictModel):
     @property
     def together(self) -> tuple[float, float]:
         """Change of the camera's position, in metres, and rotation, in degrees, by all four errors if independent."""
-        each = self.fx, self.fy, self.cx, self.cy
-        center = np.linalg.norm([change.camera_center_m for change in each])
-        return float(center), float(np.linalg.norm([change.rotation_deg for change in each]))
+        changes = self.fx, self.fy, self.cx, self.cy
+        center = np.linalg.norm([change.camera_center_m for change in changes])
+        return float(center), float(np.linalg.norm([change.rotation_deg for change in changes]))
 
 
 class Uncertainty(StrictModel):
