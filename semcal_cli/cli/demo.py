@@ -127,7 +127,7 @@ def _find_sequence(folder: Path) -> tuple[str, Request]:
         )
     longest = max(sequences, key=lambda sweeps: sum(1 for _ in sweeps.iterdir()))
     sequence = longest.parents[1]
-    cameras = {each.name for each in sequence.glob("image_*")}
+    cameras = {path.name for path in sequence.glob("image_*")}
     camera = None if "image_02" in cameras else min(cameras, default=None)
     return "kitti-raw", Request(folder, sequence.name, camera)
 

@@ -55,8 +55,8 @@ def _compare_methods(name: str, settings: MethodsSettings) -> None:
 
     check_torch(f"semcal experiment {name}")
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    made = pairs_and_noise.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
-    click.echo(measure(made, settings.jobs), nl=False)
+    runs = pairs_and_noise.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
+    click.echo(measure(runs, settings.jobs), nl=False)
 
 
 @experiment.command(cls=SettingsCommand, settings=MethodsSettings)

@@ -181,7 +181,7 @@ def _parameters(settings: type) -> list[click.Parameter]:
     """Make the parameters of a settings class: its own options come before inherited ones, its own arguments after."""
     hints = get_type_hints(settings)
     declared = {declaration.name: declaration for declaration in fields(settings)}
-    made: list[click.Parameter] = [
+    parameters: list[click.Parameter] = [
         _argument(name, hints[name], declaration)
         for name, declaration in declared.items()
         if IS_ARGUMENT in declaration.metadata.get(PARAMETER, {})
@@ -191,12 +191,12 @@ def _parameters(settings: type) -> list[click.Parameter]:
         for name in get_annotations(owner):
             declaration = declared.pop(name, None)
             if declaration is not None and KEY in declaration.metadata:  # inherited from a configuration
-                made.append(
+                parameters.append(
                     _option(name, hints[name], setting_of(owner, name), declaration.metadata[KEY].section)
                 )
             elif declaration is not None and "names" in declaration.metadata.get(PARAMETER, {}):
-                made.append(_option(name, hints[name], declaration, section))
-    return made
+                parameters.append(_option(name, hints[name], declaration, section))
+    return parameters
 
 
 def _argument(name: str, hint: Any, declared: Field[Any]) -> click.Argument:
@@ -222,9 +222,9 @@ def _option(name: str, hint: Any, declared: Field[Any], section: str) -> Setting
         usual |= {"type": None, "is_flag": True, "default": declared.default}
     elif declared.default is not None:
         usual["default"] = declared.default
-    made = SettingOption([*names, name], **usual | about)
-    made.section = section
-    return made
+    option = SettingOption([*names, name], **usual | about)
+    option.section = section
+    return option
 
 
 def _type_of(kind: Any, limits: dict[str, Any]) -> click.ParamType[Any] | None:

@@ -37,7 +37,7 @@ Result = TypeVar("Result", bound=StageResult)
 def announced(
     name: str, doing: str, stage: Callable[[], Result], on_event: Listener, T_before: Pose | None = None
 ) -> Result:
-    """Run a stage, and tell a listener when it starts and what it found.
+    """Run a stage, and notify a listener when it starts and of its result.
 
     Args:
         name: Name of the stage, as in the result.

@@ -137,12 +137,12 @@ class LoadedDrive:
 
     @property
     def searched_by(self) -> Observations:
-        """Observations by which mounting directions are told apart, in classes that all frames share."""
+        """Observations by which mounting directions are distinguished, in classes that all frames share."""
         cue = self.policy.searched_by
         return self.observations if cue is None else self.of_cue(cue).of_classes
 
     def of_cue(self, cue: CueName) -> Observations:
-        """Observations of one of the cues by which the drive was loaded."""
+        """Return the observations of one of the cues by which the drive was loaded."""
         refined, coarse = self.policy.refined, self.policy.coarse
         if self.coarse_cue is not None and cue in coarse:
             return self.coarse_cue.of_cue(coarse.index(cue))

@@ -189,7 +189,7 @@ def read_image_classes(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]
 
 
 def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
-    """Red, green and blue of each class of colour-coded label images, in the order of the palette."""
+    """List red, green and blue of each class of colour-coded label images, in the order of the palette."""
     return None if drive.palette is None else [(r, g, b) for r, g, b in drive.palette.values()]
 
 
@@ -336,7 +336,7 @@ def count_labels(drive: Drive, side: Side, labels: Labels) -> tuple[dict[str, in
 
 
 def _ids_by_name(drive: Drive, side: Side) -> Mapping[str, Sequence[int]]:
-    """Raw ids of each class name; with a palette, an id is an index into it."""
+    """Return the raw ids of each class name; with a palette, an id is an index into it."""
     if side == "image" and drive.palette is not None:
         return {name: (place,) for place, name in enumerate(drive.palette)}
     return getattr(drive.classes, side) if drive.classes else {}

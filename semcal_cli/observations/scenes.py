@@ -46,7 +46,7 @@ def alike_frames(ranges: Sequence[npt.NDArray[np.float32]]) -> list[int]:
 
 
 def shares_alike(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
-    """Share of the directions seen in either of two frames that have the same range in both, (F, F).
+    """Compute the share (F, F) of the directions seen in either of two frames that have the same range in both.
 
     Args:
         nearest: The `nearest_ranges` of each frame.
@@ -89,7 +89,7 @@ def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]
 
 
 def nearest_ranges(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Range (C,) of the nearest of points (N, 3) in each cell of directions, metres; infinite where there is none."""
+    """Compute the range (C,) of the nearest point (N, 3) in each cell of directions, metres; infinite without one."""
     x, y, z = np.ascontiguousarray(points[:: max(len(points) // MAX_POINTS, 1)].T)
     flat = np.hypot(x, y)
     columns, rows = round(360.0 / CELL_DEG), round(180.0 / CELL_DEG)

@@ -358,8 +358,10 @@ def repeat(
             initial = stages.searched
             if initial is None or initial.by_motion is None:
                 initial = initialize(data, config.initialization, seed, initial_pose, priors)
-            again = refine_and_polish(data, initial, config.refinement, seed, priors, candidates=candidates)
-            poses.append(again.T_camera_lidar)
+            repetition = refine_and_polish(
+                data, initial, config.refinement, seed, priors, candidates=candidates
+            )
+            poses.append(repetition.T_camera_lidar)
         except CalibrationError:
             poses.append(None)
     of_motion = None if stages.assessment is None else stages.assessment.of_motion

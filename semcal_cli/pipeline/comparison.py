@@ -47,7 +47,7 @@ class Comparison:
     """Difference on each axis: x, y, z of the camera centre, then of the rotation."""
 
     def half_width(self, unit: str) -> float | None:
-        """Half width of the 95 % interval of the total difference, "cm" or "deg"; None if neither is known."""
+        """Compute the 95 % half width of the total difference, "cm" or "deg"; None if neither is known."""
         axes = [axis for axis in self.axes if axis.unit == unit]
         half_widths = [(axis.half_width_a, axis.half_width_b) for axis in axes]
         if (None, None) in half_widths:

@@ -50,7 +50,7 @@ def resolve_mountings(
     if not data.policy.needs_near_start and len(set(observations.scenes)) < FEW_SCENES.limit():
         # Segments of few scenes make no mounting clear, and take minutes for that.
         return initial, refined, False
-    best = taken = initial.hypotheses[0]
+    best = mounting = initial.hypotheses[0]
     rivals = [
         other for other in initial.hypotheses if _is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
@@ -68,11 +68,11 @@ def resolve_mountings(
             of_rival = refine(rival.T_camera_lidar)
             (behind,) = sigmas_behind(observations, refined.T_camera_lidar, [of_rival.T_camera_lidar])
             if behind < 0.0:
-                taken, refined = rival, of_rival
+                mounting, refined = rival, of_rival
             is_clear &= abs(behind) >= limit
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
-    return with_best(initial, taken, data.searched_by), refined, is_clear
+    return with_best(initial, mounting, data.searched_by), refined, is_clear
 
 
 def _is_rival(best: Mounting, other: Mounting, min_deg: float) -> bool:

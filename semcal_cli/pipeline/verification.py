@@ -259,7 +259,7 @@ def recognise(T_stated: Pose, T_estimate: Pose) -> list[str]:
     x, y, z, w = quaternion_xyzw(T_stated)
     center, place = T_stated.copy(), T_stated[:3, 3].tolist()
     center[:3, 3] = 0.001 * T_stated[:3, 3]
-    meant = {
+    poses_by_mistake = {
         "the inverse, T_lidar_camera": inverse(T_stated),
         "T_body_lidar of a camera's body frame, x forward and z up": optical_body @ T_stated,
         "T_lidar_body of a camera's body frame, x forward and z up": optical_body @ inverse(T_stated),
@@ -268,5 +268,7 @@ def recognise(T_stated: Pose, T_estimate: Pose) -> list[str]:
         "a translation in millimetres": center,
     }
     return [
-        f"this looks like {name}" for name, T in meant.items() if _is_near(T, T_estimate, SAME_DEG, SAME_M)
+        f"this looks like {name}"
+        for name, T in poses_by_mistake.items()
+        if _is_near(T, T_estimate, SAME_DEG, SAME_M)
     ]

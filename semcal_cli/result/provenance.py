@@ -64,8 +64,8 @@ def with_provenance(
     if start is not None:
         sha256 |= hash_files([start], relative_to, hashes)
     name = os.path.relpath(drive.path, relative_to) if drive.arrays is None else str(drive.path)
-    described = calibration.input.model_copy(update={"drive": name, "sha256": sha256})
-    return calibration.model_copy(update={"input": described})
+    input_section = calibration.input.model_copy(update={"drive": name, "sha256": sha256})
+    return calibration.model_copy(update={"input": input_section})
 
 
 def hash_input(drive: Drive, keys: Sequence[str], cache: dict[str, str] | None = None) -> dict[str, str]:

@@ -223,7 +223,7 @@ class DrivePart(StrictModel):
 
 
 def _words(offset: Sequence[float], half_widths: Sequence[float]) -> tuple[float, float, str] | None:
-    """Length, half width and axis of an offset (3,); None if no axis is off by more than its interval."""
+    """Compute length, half width and axis of an offset (3,); None if no axis is off by more than its interval."""
     if not any(abs(by) > half for by, half in zip(offset, half_widths, strict=True)):
         return None
     vector = np.array(offset)

@@ -286,7 +286,7 @@ def image_radius_px(uncertainty: Uncertainty, camera: Camera, depth_m: float) ->
 
 
 def _motions(camera: Camera, depth_m: float) -> NDArray[np.float64]:
-    """(2, 6) pixels by which a twist, in metres and radians, moves a point on the optical axis."""
+    """Compute the pixels (2, 6) by which a twist, in metres and radians, moves a point on the optical axis."""
     ahead = np.array([0.0, 0.0, depth_m])
     steps = STEP * depth_m * np.eye(3)
     ends = core_camera(camera).project(np.concatenate([ahead + steps, ahead - steps]))

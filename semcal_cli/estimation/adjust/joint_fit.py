@@ -90,7 +90,7 @@ class Variables(NamedTuple):
         return twists_per_s(observations) if self.with_delay else None
 
     def sigmas(self, camera: Camera, config: AdjustmentConfig) -> Numbers:
-        """Prior standard deviations of the variables, for the drive's camera."""
+        """Return the prior standard deviations of the variables, for the drive's camera."""
 
         def sigma(name: str) -> float:
             # An estimate replaces what a drive states: `camera` is the drive's.
@@ -200,14 +200,14 @@ class Problem:
         uncertain = Variables(self.asked.intrinsics, variables.with_delay)
         evidence = self._evidence(adjust_observations(self.observations, variables, changes), T)
         if evidence is None:
-            nothing = Variables((), with_delay=False)
-            none = np.zeros(0)
-            return Fit(nothing, T, none, self.observations, nothing, None, np.ones(6), math.inf)
+            empty = Variables((), with_delay=False)
+            return Fit(empty, T, np.zeros(0), self.observations, empty, None, np.ones(6), math.inf)
         maximum = self._climb(T, variables, changes, range(FINE_LEVELS, -1, -1), evidence)
         changes = _changes(maximum, variables)
         adjusted = adjust_observations(self.observations, variables, changes)
-        sure = self._covariance(adjusted, maximum.T_camera_lidar, uncertain)
-        return Fit(variables, maximum.T_camera_lidar, changes, adjusted, uncertain, *sure, maximum.moved_px)
+        T_max = maximum.T_camera_lidar
+        covariance, freedom = self._covariance(adjusted, T_max, uncertain)
+        return Fit(variables, T_max, changes, adjusted, uncertain, covariance, freedom, maximum.moved_px)
 
     def _fit(self, T: Pose, variables: Variables) -> Fit:
         """Find the maximum from the drive's values, from coarse blocks to pixels.
@@ -237,8 +237,10 @@ class Problem:
         for factor in BLOCKS_PX[1:]:
             if not self._left_open(fits[-1]):
                 break
-            sure = self._covariance(fit.observations, fit.T_camera_lidar, fit.uncertain, factor)
-            fits.append(fit._replace(covariance=sure[0], degrees_of_freedom=sure[1]))
+            covariance, freedom = self._covariance(
+                fit.observations, fit.T_camera_lidar, fit.uncertain, factor
+            )
+            fits.append(fit._replace(covariance=covariance, degrees_of_freedom=freedom))
         return min(fits, key=lambda candidate: len(self._left_open(candidate)))
 
     def _left_open(self, fit: Fit) -> list[str]:

@@ -63,9 +63,9 @@ class Prior:
 
     def residual(self, T_camera_lidar: Pose) -> npt.NDArray[np.float64]:
         """Compute the offset (6,) of a pose along the axes of this camera: position, metres, and rotation, radians."""
-        moved = camera_center(T_camera_lidar) - camera_center(self.T_camera_lidar)
+        center_offset = camera_center(T_camera_lidar) - camera_center(self.T_camera_lidar)
         rotation = rotation_difference(T_camera_lidar, self.T_camera_lidar)
-        return np.concatenate([self.T_camera_lidar[:3, :3] @ moved, rotation])
+        return np.concatenate([self.T_camera_lidar[:3, :3] @ center_offset, rotation])
 
     def jacobian(self, T_camera_lidar: Pose) -> npt.NDArray[np.float64]:
         """Compute the derivatives (6, 6) of the residual with respect to a twist on the left of the pose."""

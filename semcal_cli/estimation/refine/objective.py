@@ -172,7 +172,7 @@ class MutualInformation(torch.nn.Module):
 
 
 def _plug_in(x: Tensor, y: Tensor) -> Tensor:
-    """Mutual information of the joint histogram of shares (N, C_x) and (N, C_y)."""
+    """Compute the mutual information of the joint histogram of shares (N, C_x) and (N, C_y)."""
     # The shares of a pixel without a class are zeros, so that a pair weighs as much as its labelled part.
     joint = x.T @ y
     if not joint.sum() > 0.0:

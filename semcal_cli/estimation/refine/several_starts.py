@@ -164,7 +164,7 @@ class SeveralStarts:
         return sorted([best, *as_good], key=lambda maximum: self._distance(maximum.T_camera_lidar))
 
     def _distance(self, T_camera_lidar: Pose) -> float:
-        """Distance from the start, relative to the farthest starts."""
+        """Compute the distance from the start, relative to the farthest starts."""
         away, starts = compare_poses(T_camera_lidar, self.given[0]), self.starts
         return max(away.rotation_deg / starts.spread_deg[1], away.camera_center_m / starts.spread_m[1])
 

@@ -145,13 +145,13 @@ def hand_eye(drive: Drive) -> HandEye | NotDetermined:
     if len(usable_pairs) < MIN_PAIRS:
         matched = f"features match in {len(usable_pairs)} of {len(pairs)} pairs of images"
         return NotDetermined(f"{matched}, needed {MIN_PAIRS}: give sharp consecutive images")
-    solved = solve(usable_pairs)
-    if solved.half_width_deg > MAX_HALF_WIDTH_DEG:
+    solution = solve(usable_pairs)
+    if solution.half_width_deg > MAX_HALF_WIDTH_DEG:
         return NotDetermined(
-            f"{solved.num_pairs} pairs of images determine the rotation only to +- {solved.half_width_deg:.1f} "
+            f"{solution.num_pairs} pairs of images determine the rotation only to +- {solution.half_width_deg:.1f} "
             f"degrees, needed at most {MAX_HALF_WIDTH_DEG:g}: record more turns, and straight driving as well"
         )
-    return solved
+    return solution
 
 
 def choose_pairs(drive: Drive) -> list[tuple[tuple[Frame, Frame], Pose]]:

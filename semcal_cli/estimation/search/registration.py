@@ -76,10 +76,10 @@ def register(
 
     # OpenCV solves each problem on one core.
     with thread_pool() as pool:
-        solved = list(pool.map(solve, placements, samples))
-    candidates = [answer for answer in solved if isinstance(answer, Candidate)]
+        answers = list(pool.map(solve, placements, samples))
+    candidates = [answer for answer in answers if isinstance(answer, Candidate)]
     if not candidates:
-        failure = solved[-1] if solved else "no placement of the image"
+        failure = answers[-1] if answers else "no placement of the image"
         raise CalibrationError(f"no initial calibration: {failure}")
     return candidates
 

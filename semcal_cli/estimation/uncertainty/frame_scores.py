@@ -126,5 +126,5 @@ def _has_full_rank(covariance: Vectors) -> bool:
 
 
 def _squared(vectors: Vectors, covariances: Matrices) -> Vectors:
-    solved = np.linalg.solve(covariances, vectors[..., None])[..., 0]
-    return np.asarray(np.einsum("fi,fi->f", vectors, solved))
+    solutions = np.linalg.solve(covariances, vectors[..., None])[..., 0]
+    return np.asarray(np.einsum("fi,fi->f", vectors, solutions))

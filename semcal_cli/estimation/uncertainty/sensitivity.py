@@ -152,7 +152,7 @@ class Sensitivity:
         return np.asarray(weights * (by_square - by_square.mean(axis=0)) * np.sqrt(count / (count - 1)))
 
     def _scores_without_class(self) -> Matrix:
-        """Scores (parts, n) that move the optimum as far as leaving out the class of each part would.
+        """Compute scores (parts, n) that move the optimum as far as leaving out the class of each part would.
 
         With the curvature `H` and the share `H_k` of a class, `(H - H_k)^-1 s = H^-1 s_k` for `s_k = H (H - H_k)^-1 s`.
         That takes the gradient at the optimum, with that of what was known before, as nothing.

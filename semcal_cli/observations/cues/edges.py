@@ -59,7 +59,7 @@ class EdgesConfig:
     neighbouring rays: a step lies anywhere between two rays."""
     max_blur_across_deg: float = 0.1
     """Largest standard deviation of the blur across the scans, degrees: a step is where its ring is, and a blur of a
-    coarse LiDAR's rays moves the top downwards (tests/benchmarks/hand_eye.py)."""
+    coarse LiDAR's rays moves the upper edge downwards (tests/benchmarks/hand_eye.py)."""
     min_blur_px: float = 0.7
     """Smallest standard deviation of the blur, pixels."""
     surroundings_deg: float = 6.0
