@@ -78,7 +78,7 @@ class Sections(click.Group):
         return [name for section in SECTIONS.values() for name in section]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command; None if there is none with this name."""
+        """Import a command; return None if there is none with this name."""
         if cmd_name in self.list_commands(ctx):
             self._load(cmd_name)
         else:  # click suggests a similar name, for which it needs all
@@ -237,5 +237,5 @@ def _check_text(argument: str) -> None:
     try:
         argument.encode()
     except UnicodeEncodeError:
-        found = argument.encode(errors="backslashreplace").decode()
-        raise InputError(f"{found}: found bytes that are not UTF-8, needed text") from None
+        text = argument.encode(errors="backslashreplace").decode()
+        raise InputError(f"{text}: found bytes that are not UTF-8, needed text") from None

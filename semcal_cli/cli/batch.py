@@ -131,8 +131,12 @@ def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
 
     verdicts: dict[int, Verdict] = {code: verdict for verdict, code in EXIT_CODES.items()}
     cases = [
-        Case(each.drive, verdicts.get(each.exit_code, "fail"), "; ".join([each.status, *each.reasons[:1]]))
-        for each in outcomes
+        Case(
+            outcome.drive,
+            verdicts.get(outcome.exit_code, "fail"),
+            "; ".join([outcome.status, *outcome.reasons[:1]]),
+        )
+        for outcome in outcomes
     ]
     worst = together(case.verdict for case in cases)
     return CiReport(f"batch {settings.command}", str(settings.output), worst, cases)
@@ -163,7 +167,7 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
     calibration, command_settings = settings.calibration, _parse_rest(settings, rest)
-    named = [] if calibration is None else [calibration]
+    files = [] if calibration is None else [calibration]
     if isinstance(command_settings, CalibrateSettings):
         if settings.dask is None:
             command_settings.check_estimator()
@@ -173,7 +177,7 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
 
                 check_device("cuda")
         for name, values in _files(settings, command_settings).items():
-            named += [value for value in values if isinstance(value, Path)]
+            files += [value for value in values if isinstance(value, Path)]
             rest = [*_without(rest, name), *(word for value in values for word in (name, str(value)))]
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
@@ -181,7 +185,7 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
         Task,
         command=settings.command,
         arguments=tuple(rest),
-        other_files=tuple(str(drive_file(path).absolute()) for path in named),
+        other_files=tuple(str(drive_file(path).absolute()) for path in files),
         num_threads=settings.num_threads,
         max_points=command_settings.max_points,
         timeout_s=settings.timeout_s,

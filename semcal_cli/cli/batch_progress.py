@@ -147,9 +147,9 @@ def _agreement(trusted: set[str], folder: Path) -> list[tuple[str, str]]:
         fleet = combine_drives(drives, Limits())
     except SemcalError as error:
         return [("agreed pose", f"none: {error}")]
-    known = widest(fleet.parts[-1].half_widths.tolist())
+    half_widths = widest(fleet.parts[-1].half_widths.tolist())
     return [
-        ("agreed pose", f"of {len(drives):,} trusted drives: {known}"),
+        ("agreed pose", f"of {len(drives):,} trusted drives: {half_widths}"),
         *pose_rows(fleet.T_camera_lidar),
         *([("note", fleet.reasons[0])] if fleet.verdict != "pass" and fleet.reasons else ()),
     ]

@@ -37,7 +37,11 @@ class PaperSettings:
     section = "The paper's method"
     rules = [
         given(
-            *(each.option for config in (MineConfig, PyramidConfig) for each in settings_of(config).values())
+            *(
+                setting.option
+                for config in (MineConfig, PyramidConfig)
+                for setting in settings_of(config).values()
+            )
         ).requires("--method paper"),
     ]
     steps_per_level: int | None = of_paper(MineConfig, "steps_per_level")

@@ -87,10 +87,10 @@ class CiReport:
         return _suite(self.command, self.subject, cases, reasons, self.seconds)
 
     def tell_github(self) -> None:
-        """In a GitHub job, print an annotation and add a table to the job summary."""
+        """Print an annotation and add a table to the job summary, in a GitHub job."""
         same = [case for case in self.cases if case.verdict == self.verdict != "pass"]
-        named = first_of([f"{case.name} {case.figures}".strip() for case in same], MAX_CASES)
-        annotate(self.command, LEVELS[self.verdict], "; ".join([self.verdict, *named, *self.reasons]))
+        texts = first_of([f"{case.name} {case.figures}".strip() for case in same], MAX_CASES)
+        annotate(self.command, LEVELS[self.verdict], "; ".join([self.verdict, *texts, *self.reasons]))
         rows = [f"| {_cell(case.name)} | {_cell(case.figures)} | {case.verdict} |" for case in self.cases]
         table = ["", "| | found | verdict |", "|---|---|---|", *rows] if rows else []
         reasons = ["", *(f"- {_cell(reason)}" for reason in self.reasons)]

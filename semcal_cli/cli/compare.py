@@ -45,8 +45,8 @@ def compare(settings: CompareSettings) -> None:
     from semcal_cli.pipeline.comparison import compare as difference, describe_cameras
     from semcal_cli.pipeline.verdict import together
 
-    known_a, known_b = read_extrinsic(settings.a), read_extrinsic(settings.b)
-    comparison = difference(known_a, known_b)
+    a, b = read_extrinsic(settings.a), read_extrinsic(settings.b)
+    comparison = difference(a, b)
     error = comparison.error
     differences = (
         ("rotation", error.rotation_deg, "degrees", settings.max_rotation_deg),
@@ -54,11 +54,11 @@ def compare(settings: CompareSettings) -> None:
     )
     verdicts = [comparison.verdict(off, allowed, unit[:3]) for _, off, unit, allowed in differences]
     verdict = together(verdicts)
-    if (cameras := describe_cameras(known_a, known_b)) is not None:
+    if (cameras := describe_cameras(a, b)) is not None:
         click.echo("\n".join(wrapped("camera", cameras)), err=True)
-    figures = [_figures(comparison, *each[1:]) for each in differences]
+    figures = [_figures(comparison, off, unit, allowed) for _, off, unit, allowed in differences]
     names = [name for name, *_ in differences]
-    cases = [Case(*each) for each in zip(names, verdicts, figures, strict=True)]
+    cases = list(map(Case, names, verdicts, figures))
     report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
     if settings.as_json:
         document = asdict(comparison) | {"error": comparison.error.describe()}
@@ -75,7 +75,7 @@ def compare(settings: CompareSettings) -> None:
             )
         line = f"within limits: {error.rotation_deg:.4f} degrees and {error.camera_center_cm:.3f} cm apart"
         if verdict != "pass":
-            texts = (text for text, each in zip(figures, verdicts, strict=True) if each == verdict)
+            texts = (case.figures for case in cases if case.verdict == verdict)
             line = f"{'beyond limits' if verdict == 'fail' else 'undecided'}: {'; '.join(texts)}"
         console.print(line, style=COLORS[verdict])
     report.tell_github()
@@ -84,9 +84,9 @@ def compare(settings: CompareSettings) -> None:
 
 def _figures(comparison: Comparison, off: float, unit: str, allowed: float) -> str:
     """Describe a total difference, its limit, and its uncertainty."""
-    text, most = format_against_limit(off, allowed, 3)
+    text, maximum = format_against_limit(off, allowed, 3)
     half = comparison.half_width(unit[:3])
-    return f"{text} {unit}, allowed {most}" + ("" if half is None else f", known to +- {half:.2f}")
+    return f"{text} {unit}, allowed {maximum}" + ("" if half is None else f", known to +- {half:.2f}")
 
 
 def _line(axis: Axis) -> str:

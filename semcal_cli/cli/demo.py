@@ -67,8 +67,8 @@ def demo(settings: DemoSettings) -> None:
     set_num_threads(settings.threads)
     drive, page, image = out / "drive", out / "report.html", out / "overlay.png"
     console.print(_make(settings, drive), markup=False)
-    T_known, rng = read_transform(drive), np.random.default_rng(seed)
-    start = InitialPose(displace(T_known, START_DEG, START_M, rng), "a rough start") if is_real else None
+    T_true, rng = read_transform(drive), np.random.default_rng(seed)
+    start = InitialPose(displace(T_true, START_DEG, START_M, rng), "a rough start") if is_real else None
     config = CalibrationConfig(seed, ("edges",)) if is_real else CalibrationConfig(seed)
     outputs = Outputs(out / "calibration.yaml", page=page, has_next_steps=is_real)
     run = RunSettings(drive=drive, threads=settings.threads, quiet=settings.quiet)
@@ -84,10 +84,10 @@ def demo(settings: DemoSettings) -> None:
     code = outputs.write(calibration, terminal, settings.threads, data.drive)
     whose = "the transform that KITTI publishes" if is_real else "the truth, which the calibration never saw"
     console.print(f"\nerror against {whose}:")
-    for line in error_lines(compare_poses(calibration.pose, T_known)):
+    for line in error_lines(compare_poses(calibration.pose, T_true)):
         console.print(line)
     if not settings.quiet and not is_real and is_installed("torch"):
-        console.print(_by_mine(data, calibration, T_known), markup=False)
+        console.print(_by_mine(data, calibration, T_true), markup=False)
     console.print(f"look at {page} and {image}")
     sys.exit(code)
 
@@ -103,13 +103,13 @@ def _make(settings: DemoSettings, drive: Path) -> str:
     from semcal_cli.importing.choice import Options
     from semcal_cli.importing.drive_folder import write_drive
 
-    name, request = _found(settings.real)
+    name, request = _find_sequence(settings.real)
     options = Options(max_frames=NUM_REAL_FRAMES)
     written = write_drive(read_dataset(name, request), options, drive, force=True)
     return f"imported {written.num_frames} frames of {name} from {settings.real} into {drive}"
 
 
-def _found(folder: Path) -> tuple[str, Request]:
+def _find_sequence(folder: Path) -> tuple[str, Request]:
     """Find which data set a folder holds, and which sequence to use: for KITTI raw, the one with the most sweeps.
 
     Raises:
@@ -127,7 +127,7 @@ def _found(folder: Path) -> tuple[str, Request]:
         )
     longest = max(sequences, key=lambda sweeps: sum(1 for _ in sweeps.iterdir()))
     sequence = longest.parents[1]
-    cameras = {each.name for each in sequence.glob("image_*")}
+    cameras = {path.name for path in sequence.glob("image_*")}
     camera = None if "image_02" in cameras else min(cameras, default=None)
     return "kitti-raw", Request(folder, sequence.name, camera)
 

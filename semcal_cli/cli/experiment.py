@@ -55,8 +55,8 @@ def _compare_methods(name: str, settings: MethodsSettings) -> None:
 
     check_torch(f"semcal experiment {name}")
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    made = pairs_and_noise.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
-    click.echo(measure(made, settings.jobs), nl=False)
+    runs = pairs_and_noise.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
+    click.echo(measure(runs, settings.jobs), nl=False)
 
 
 @experiment.command(cls=SettingsCommand, settings=MethodsSettings)
@@ -171,11 +171,11 @@ class RunProgress(Pace):
         """Count a run, and name it on a pipe."""
         super().end(name)
         if not self._console.is_terminal:
-            told = ", ".join(
+            times = ", ".join(
                 filter(None, [f"after {clock_time(monotonic() - self._began)}", time_left(self)])
             )
             number = f"{self.num_done:>{len(str(self.num_items))}}/{self.num_items}"
-            self._console.print(f"{number}  {name}  ({told})", markup=False)
+            self._console.print(f"{number}  {name}  ({times})", markup=False)
 
     def lines(self) -> list[Text]:
         """Describe how many runs are done and about how long the rest takes, and list the running ones."""

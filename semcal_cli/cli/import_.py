@@ -92,7 +92,7 @@ class ImportSettings(QuietSettings):
 
 
 def _tell(written: WrittenDrive, details: str, lines: tuple[str, ...] = ()) -> None:
-    """Say what was written, what to know about it, and which command comes next."""
+    """Print what was written, what to know about it, and which command comes next."""
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.result.next_steps import after_import
 
@@ -281,7 +281,7 @@ def _list(paths: tuple[Path, ...]) -> None:
             rows.append((topic.name, topic.type, f"{span.num_messages:,}", rate, first, last, use + choice))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
-        cells = [f"{each:{side}{width}}" for each, side, width in zip(row, SIDES, widths, strict=True)]
+        cells = [f"{cell:{side}{width}}" for cell, side, width in zip(row, SIDES, widths, strict=True)]
         click.echo(printable("  ".join(cells).rstrip()))
     for remark in recording.remarks:
         click.echo(f"note: {remark}", err=True)

@@ -58,9 +58,9 @@ def inspect(settings: InspectSettings) -> None:
     drives = {"": read_drive(path, max_points)} if rig is None else rig.read_drives(max_points)
     reports = {}
     with Terminal(quiet=settings.as_json) as terminal:
-        for name, each in drives.items():
-            terminal.show(f"inspecting {each.path}")
-            reports[name] = look_through(each)
+        for name, drive in drives.items():
+            terminal.show(f"inspecting {drive.path}")
+            reports[name] = look_through(drive)
     if settings.as_json:
         documents = {name: asdict(report) for name, report in reports.items()}
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
@@ -85,8 +85,8 @@ def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
             console.print(line, markup=False)
 
     suspicious, too_little = (
-        [f"{name}: {line}" if name else line for name, report in reports.items() for line in found(report)]
-        for found in (lambda report: (*_grouped(report), *report.suspicions), lambda report: report.advice)
+        [f"{name}: {line}" if name else line for name, report in reports.items() for line in lines_of(report)]
+        for lines_of in (lambda report: (*_grouped(report), *report.suspicions), lambda report: report.advice)
     )
     for line in suspicious or ["nothing"]:
         show("suspicious", line)
@@ -179,10 +179,10 @@ def _table(report: DriveReport) -> Table:
 
 def _together(counts: Iterable[Mapping[str, int] | None]) -> Mapping[str, int] | None:
     """Add up the counts of all frames that have labels; None if no frame has."""
-    labelled = [each for each in counts if each is not None]
+    labelled = [by_class for by_class in counts if by_class is not None]
     total: Counter[str] = Counter()
-    for each in labelled:
-        total.update(each)
+    for by_class in labelled:
+        total.update(by_class)
     return total if labelled else None
 
 

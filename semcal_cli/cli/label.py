@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from semcal_cli.labelling.image_labeller import ImageLabeller
     from semcal_cli.labelling.sides import LabelSide
 
-MOST_NETWORKS = 2
+MAX_NETWORKS = 2
 """Largest number of networks that label the same images."""
 NAME_WIDTH = 12
 """Columns of the short names in the table of networks."""
@@ -35,8 +35,12 @@ def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> 
         from semcal_cli.cli.tables import wrapped
         from semcal_cli.labelling.hub import PREFIX, RECOMMENDED
 
-        for name, it in RECOMMENDED.items():
-            texts = (f"{it.megabytes} MB, {it.classes}", f"{PREFIX}{it.repository}", it.licence)
+        for name, network in RECOMMENDED.items():
+            texts = (
+                f"{network.megabytes} MB, {network.classes}",
+                f"{PREFIX}{network.repository}",
+                network.licence,
+            )
             for label, text in zip((name, "", ""), texts, strict=True):
                 click.echo("\n".join(wrapped(label, text, NAME_WIDTH)))
         ctx.exit()
@@ -44,8 +48,8 @@ def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> 
 
 
 def _check_pair(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
-    if len(names) > MOST_NETWORKS:
-        raise click.BadParameter(f"found {len(names)}, needed at most {MOST_NETWORKS}.", ctx, param)
+    if len(names) > MAX_NETWORKS:
+        raise click.BadParameter(f"found {len(names)}, needed at most {MAX_NETWORKS}.", ctx, param)
     if len({*map(os.path.abspath, names)}) < len(names):  # it would agree with itself
         raise click.BadParameter(f"found {names[0]} twice, needed two networks.", ctx, param)
     return names
@@ -256,7 +260,7 @@ def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> l
     labellers = settings.image_labellers(drive, terminal, settings.device, settings.threads)
     if settings.preview is not None and labellers:
         _preview(drive, labellers[0], settings.preview, terminal)
-    sides = [image_side(each, has_probabilities=settings.probabilities) for each in labellers]
+    sides = [image_side(labeller, has_probabilities=settings.probabilities) for labeller in labellers]
     return [*sides[:1], *(replace(side, folder=f"{side.key}_2") for side in sides[1:])]
 
 

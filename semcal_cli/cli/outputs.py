@@ -227,14 +227,14 @@ def exit_code(result: CalibrationDocument | RigCalibration) -> int:
 
 
 def folder_of(output: Path | None) -> Path:
-    """Folder that the paths in a result are relative to: that of its file, or the working folder for a stream."""
+    """Return the folder that paths in a result are relative to: its file's, or the working folder for a stream."""
     return Path() if output is None or descriptor(output) is not None else output.parent
 
 
 def files_read(drive: Drive, *others: Path | None) -> list[Path]:
     """List the files of a drive, and those of other transforms or drives."""
-    given = [drive_file(path) for path in others if path is not None]
-    return [drive.path, *map(drive.resolve, drive.files()), *given]
+    files = [drive_file(path) for path in others if path is not None]
+    return [drive.path, *map(drive.resolve, drive.files()), *files]
 
 
 def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
@@ -243,14 +243,14 @@ def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
     Raises:
         InputError: a folder is missing or cannot be written to, or an output would overwrite a file.
     """
-    taken = set(map(os.path.realpath, read))
+    real_paths = set(map(os.path.realpath, read))
     for path in filter(None, outputs):
         if not is_folder(path.absolute().parent):
             raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
         if is_folder(path):
             raise InputError(f"{path}: found a folder, needed a file to write to")
         check_descriptor(path)
-        if os.path.realpath(path) in taken:
+        if os.path.realpath(path) in real_paths:
             raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
         if takes_several(path):
             continue
@@ -258,7 +258,7 @@ def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
             raise InputError(f"{path}: found the file that the shell writes to, needed another name")
         if not path.exists() or path.is_file():
             check_replaceable(path)
-        taken.add(os.path.realpath(path))
+        real_paths.add(os.path.realpath(path))
 
 
 def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
@@ -271,9 +271,9 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
 
     if folder.exists() and not is_folder(folder):
         raise InputError(f"{folder}: found a file, needed a folder for images")
-    taken = set(map(os.path.realpath, read))
+    real_paths = set(map(os.path.realpath, read))
     for path in overlay_paths(folder, count):
-        if os.path.realpath(path) in taken:
+        if os.path.realpath(path) in real_paths:
             raise InputError(f"{path}: found a file that this run reads, needed another folder")
         if is_folder(path):
             raise InputError(f"{path}: found a folder, needed a place for an image")

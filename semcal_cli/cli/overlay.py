@@ -62,15 +62,15 @@ def overlay(settings: OverlaySettings) -> None:
         terminal.print(*map(str, overlays.write_all(output)))
         return
     refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig.path))
-    found, drives, read = read_rig_files(rig, settings.calibration, settings.max_points)
-    drives = {name: _few(each, settings, output / name, read) for name, each in drives.items()}
+    result, drives, read = read_rig_files(rig, settings.calibration, settings.max_points)
+    drives = {name: _few(drive, settings, output / name, read) for name, drive in drives.items()}
     make_folder(output)
-    for name, camera in found.cameras.items():
+    for name, camera in result.cameras.items():
         cues = cues_applied(camera, settings.cues, drives[name])
         by, observations = _observe(drives[name], settings.by, cues, "class")
         overlays = Overlays(drives[name], observations, {name: camera.pose}, by)
         terminal.print(*map(str, overlays.write_all(output / name)))
-    for name, reason in found.failures.items():
+    for name, reason in result.failures.items():
         terminal.print(f"{name}: found no transform to draw with: {reason}")
 
 
@@ -84,14 +84,14 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
     calibration, against = settings.calibration, settings.against
     extrinsics = {str(path): read_extrinsic(path) for path in (against, calibration) if path is not None}
     frames = _few(drive, settings, settings.output, files_read(drive, against, calibration)).frames
-    seen = {name: apply_result(found.record, drive, name) for name, found in extrinsics.items()}
-    for each in seen.values():
-        terminal.print_changes(each.changes)
-    spec = seen.pop(str(calibration)).drive.model_copy(update={"frames": frames})
+    applied = {name: apply_result(extrinsic.record, drive, name) for name, extrinsic in extrinsics.items()}
+    for result in applied.values():
+        terminal.print_changes(result.changes)
+    spec = applied.pop(str(calibration)).drive.model_copy(update={"frames": frames})
     cues = cues_applied(extrinsics[str(calibration)].record, settings.cues, spec)
     by, observations = _observe(spec, settings.by, cues, "class" if against is None else "agreement")
-    others = {name: seen_as(observations, spec, each.drive) for name, each in seen.items()}
-    poses = {name: found.T_camera_lidar for name, found in extrinsics.items()}
+    others = {name: seen_as(observations, spec, result.drive) for name, result in applied.items()}
+    poses = {name: extrinsic.T_camera_lidar for name, extrinsic in extrinsics.items()}
     return Overlays(spec, observations, poses, by, others)
 
 

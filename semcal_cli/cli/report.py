@@ -45,7 +45,7 @@ def report(settings: ReportSettings) -> None:
     rig = find_rig(settings.drive)
     if rig is not None:
         refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig.path))
-        found, drives, read = read_rig_files(rig, calibration, settings.max_points)
+        result, drives, read = read_rig_files(rig, calibration, settings.max_points)
     else:
         drive = read_drive(settings.drive, settings.max_points)
         read = files_read(drive, calibration, against)
@@ -54,7 +54,7 @@ def report(settings: ReportSettings) -> None:
     set_num_threads(settings.threads)
     with terminal:
         if rig is not None:
-            write_text(rig_page_html(found, drives, (str(rig.path), str(read[-1])), terminal.show), output)
+            write_text(rig_page_html(result, drives, (str(rig.path), str(read[-1])), terminal.show), output)
         else:
             terminal.show("reading frames")
             shown = read_report_input(drive, calibration, against)

@@ -71,7 +71,7 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     with _made(folder):
         check_page(page)
         read = [rig.path, *(file for drive in drives.values() for file in files_read(drive))]
-        check_outputs(read, *(each.output for each in outputs.values()), result, settings.log, page)
+        check_outputs(read, *(camera.output for camera in outputs.values()), result, settings.log, page)
         for name, drive in drives.items():
             outputs[name].check(drive)
     set_num_threads(settings.threads)
@@ -95,9 +95,11 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     terminal = settings.terminal()
     terminal.print(*_lines(result_of_rig, result))
     if page is not None:
-        seen = {name: apply_result(cameras.get(name), each, name).drive for name, each in drives.items()}
+        applied = {name: apply_result(cameras.get(name), drive, name).drive for name, drive in drives.items()}
         with terminal:
-            write_text(rig_page_html(result_of_rig, seen, (str(rig.path), str(result)), terminal.show), page)
+            write_text(
+                rig_page_html(result_of_rig, applied, (str(rig.path), str(result)), terminal.show), page
+            )
         terminal.print_paths("report", [page])
     _print_verdict(result_of_rig, terminal)
     if failures:
@@ -137,7 +139,7 @@ def _write(
 
 def _lines(calibration: RigCalibration, result: Path) -> list[str]:
     """Describe the result of the whole rig."""
-    num_frames = sum(len(each.input.frames) for each in calibration.cameras.values())
+    num_frames = sum(len(camera.input.frames) for camera in calibration.cameras.values())
     return [
         *(line for pair in calibration.pairs for line in _pair_lines(pair)),
         labelled("sweeps", f"{calibration.num_sweeps:,} for {num_frames:,} frames"),
@@ -165,7 +167,7 @@ def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:
         terminal.print_verdict(labelled("rig", "trusted"), "trusted")
         return
     worst = calibration.failures or [
-        name for name, each in calibration.cameras.items() if each.status == calibration.status
+        name for name, camera in calibration.cameras.items() if camera.status == calibration.status
     ]
     lines = wrapped("rig", f"{calibration.status.replace('_', ' ')}: {', '.join(worst)}")
     terminal.print_verdict(

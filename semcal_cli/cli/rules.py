@@ -22,24 +22,26 @@ FOR_ONE_CAMERA = "is for one camera, but {} is a rig"
 def given_parameters(context: click.Context) -> list[click.Parameter]:
     """List the parameters that are given on the command line."""
     source = context.get_parameter_source
-    return [each for each in context.command.params if source(str(each.name)) is COMMANDLINE]
+    return [parameter for parameter in context.command.params if source(str(parameter.name)) is COMMANDLINE]
 
 
 def _has(context: click.Context, term: str) -> bool:
     name = term.partition(" ")[0]
-    return any(name in each.opts for each in context.command.params)
+    return any(name in parameter.opts for parameter in context.command.params)
 
 
 def _holds(context: click.Context, term: str) -> bool:
     """Whether an option is given and is not None, or has a value."""
     option, _, value = term.partition(" ")
-    name = next((str(each.name) for each in context.command.params if option in each.opts), None)
+    name = next(
+        (str(parameter.name) for parameter in context.command.params if option in parameter.opts), None
+    )
     if name is None:
         return False
-    given_value = context.params[name]
+    setting = context.params[name]
     if value:
-        return value in given_value if isinstance(given_value, tuple) else given_value == value
-    return context.get_parameter_source(name) in (COMMANDLINE, DEFAULT_MAP) and given_value is not None
+        return value in setting if isinstance(setting, tuple) else setting == value
+    return context.get_parameter_source(name) in (COMMANDLINE, DEFAULT_MAP) and setting is not None
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,8 @@ def refuse(context: click.Context, names: Iterable[str], why: str) -> None:
     Raises:
         click.UsageError: one is given.
     """
-    given = {name for each in given_parameters(context) for name in each.opts}
-    if name := next(filter(given.__contains__, names), None):
+    used = {name for parameter in given_parameters(context) for name in parameter.opts}
+    if name := next(filter(used.__contains__, names), None):
         raise click.UsageError(f"{name} {why}.", context)
 
 

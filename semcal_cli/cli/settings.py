@@ -69,7 +69,7 @@ class Names(click.ParamType[tuple[str, ...]]):
 
     def __init__(
         self,
-        known: tuple[str, ...] = (),
+        choices: tuple[str, ...] = (),
         alone: tuple[str, ...] = (),
         needed: str = "",
         plugins: Plugins | None = None,
@@ -77,12 +77,12 @@ class Names(click.ParamType[tuple[str, ...]]):
         """Make the type.
 
         Args:
-            known: Known names, in the order of the value; empty accepts any.
+            choices: Allowed names, in the order of the value; empty accepts any.
             alone: Names that cannot be combined with others.
-            needed: What messages say is needed if `known` is empty.
+            needed: What messages say is needed if `choices` is empty.
             plugins: Plugins that add names.
         """
-        self.known, self.alone, self.needed, self.plugins = known, alone, needed, plugins
+        self.choices, self.alone, self.needed, self.plugins = choices, alone, needed, plugins
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -90,17 +90,17 @@ class Names(click.ParamType[tuple[str, ...]]):
         """Parse the names, and sort them if it is known which there are."""
         if isinstance(value, tuple):
             return value
-        names, known = tuple(name.strip() for name in value.split(",")), self.known
-        if self.plugins is not None and not set(names) <= set(known):
-            known = (*known, *self.plugins.names)
-        if "" in names or (known and not set(names) <= set(known)):
-            needed = self.needed or f"one or more of {', '.join(known)}"
+        names, choices = tuple(name.strip() for name in value.split(",")), self.choices
+        if self.plugins is not None and not set(names) <= set(choices):
+            choices = (*choices, *self.plugins.names)
+        if "" in names or (choices and not set(names) <= set(choices)):
+            needed = self.needed or f"one or more of {', '.join(choices)}"
             self.fail(f"found {value!r}, needed {needed}.", param, ctx)
         if len(set(names)) < len(names):
             self.fail(f"found {value!r}, needed each name once.", param, ctx)
         if single := next((name for name in self.alone if name in names and len(names) > 1), None):
             self.fail(f"found {value!r}, needed {single} alone.", param, ctx)
-        return tuple(name for name in known if name in names) or names
+        return tuple(name for name in choices if name in names) or names
 
 
 PATH = click.Path(path_type=Path)
@@ -157,7 +157,8 @@ def made_of(kind: Callable[..., Made], settings: Any, **others: Any) -> Made:
         settings: The settings.
         others: Values of its other fields.
     """
-    shared = {each.name for each in fields(kind)} & {each.name for each in fields(settings)}  # type: ignore[arg-type]
+    names = {attribute.name for attribute in fields(kind)}  # type: ignore[arg-type]
+    shared = names & {attribute.name for attribute in fields(settings)}
     return kind(**{name: getattr(settings, name) for name in shared} | others)
 
 
@@ -178,21 +179,24 @@ class SettingOption(click.Option):
 
 def _parameters(settings: type) -> list[click.Parameter]:
     """Make the parameters of a settings class: its own options come before inherited ones, its own arguments after."""
-    hints, declared = get_type_hints(settings), {each.name: each for each in fields(settings)}
-    made: list[click.Parameter] = [
-        _argument(name, hints[name], each)
-        for name, each in declared.items()
-        if IS_ARGUMENT in each.metadata.get(PARAMETER, {})
+    hints = get_type_hints(settings)
+    declared = {declaration.name: declaration for declaration in fields(settings)}
+    parameters: list[click.Parameter] = [
+        _argument(name, hints[name], declaration)
+        for name, declaration in declared.items()
+        if IS_ARGUMENT in declaration.metadata.get(PARAMETER, {})
     ]
     for owner in settings.__mro__:
         section = vars(owner).get("section", OPTIONS)
         for name in get_annotations(owner):
-            each = declared.pop(name, None)
-            if each is not None and KEY in each.metadata:  # inherited from a configuration
-                made.append(_option(name, hints[name], setting_of(owner, name), each.metadata[KEY].section))
-            elif each is not None and "names" in each.metadata.get(PARAMETER, {}):
-                made.append(_option(name, hints[name], each, section))
-    return made
+            declaration = declared.pop(name, None)
+            if declaration is not None and KEY in declaration.metadata:  # inherited from a configuration
+                parameters.append(
+                    _option(name, hints[name], setting_of(owner, name), declaration.metadata[KEY].section)
+                )
+            elif declaration is not None and "names" in declaration.metadata.get(PARAMETER, {}):
+                parameters.append(_option(name, hints[name], declaration, section))
+    return parameters
 
 
 def _argument(name: str, hint: Any, declared: Field[Any]) -> click.Argument:
@@ -218,9 +222,9 @@ def _option(name: str, hint: Any, declared: Field[Any], section: str) -> Setting
         usual |= {"type": None, "is_flag": True, "default": declared.default}
     elif declared.default is not None:
         usual["default"] = declared.default
-    made = SettingOption([*names, name], **usual | about)
-    made.section = section
-    return made
+    option = SettingOption([*names, name], **usual | about)
+    option.section = section
+    return option
 
 
 def _type_of(kind: Any, limits: dict[str, Any]) -> click.ParamType[Any] | None:
@@ -267,7 +271,7 @@ class SettingsCommand(click.Command, Generic[Settings]):
 
     def settings_in(self, ctx: click.Context) -> Settings:
         """Make the settings from the parsed parameters."""
-        names = [each.name for each in fields(self.settings)]  # type: ignore[arg-type]
+        names = [attribute.name for attribute in fields(self.settings)]  # type: ignore[arg-type]
         return self.settings(**{name: ctx.params[name] for name in names if name in ctx.params})
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -276,13 +280,17 @@ class SettingsCommand(click.Command, Generic[Settings]):
         try:
             return ctx.invoke(self.callback, self.settings_in(ctx))
         except MisplacedError as error:
-            needed = [each for each in self.params if each.required or isinstance(each, click.Argument)]
-            if not any(each.name == "drive" for each in needed):
+            needed = [
+                parameter
+                for parameter in self.params
+                if parameter.required or isinstance(parameter, click.Argument)
+            ]
+            if not any(parameter.name == "drive" for parameter in needed):
                 raise
             words = [ctx.command_path]
-            for each in needed:
-                words += [each.opts[0]] if isinstance(each, click.Option) else []
-                words.append(each.make_metavar(ctx))
+            for parameter in needed:
+                words += [parameter.opts[0]] if isinstance(parameter, click.Option) else []
+                words.append(parameter.make_metavar(ctx))
             raise MisplacedError(f"{error}; the order is `{' '.join(words)}`") from None
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -86,8 +86,8 @@ def synth(settings: SynthSettings) -> None:
             else:
                 summary = synthesize_rig(config, num_cameras, folder, tell, force=force)
             terminal.print(f"wrote {folder}")
-    each = "" if settings.num_drives is None else "last drive: "
+    prefix = "" if settings.num_drives is None else "last drive: "
     terminal.print(
-        f"{each}{summary.num_frames:,} frames, {summary.num_points:,} points, {summary.num_classes} classes in "
+        f"{prefix}{summary.num_frames:,} frames, {summary.num_points:,} points, {summary.num_classes} classes in "
         f"{perf_counter() - start:.1f} s",
     )

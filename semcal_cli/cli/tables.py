@@ -75,8 +75,8 @@ def figures(calibration: CalibrationDocument) -> str:
     """Describe how many doubts there are about a calibration, or else its interval; empty if that is not known."""
     if calibration.status == "not_trusted":
         return counted(len(calibration.reasons), "doubt")
-    known = calibration.believed_uncertainty
-    return "" if known is None else stated_error(known, calibration.used_camera)
+    uncertainty = calibration.believed_uncertainty
+    return "" if uncertainty is None else stated_error(uncertainty, calibration.used_camera)
 
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
@@ -110,8 +110,8 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
     ]
     if uncertainty.label_bleed is not None:
         moved_mm = 1000.0 * np.linalg.norm(uncertainty.label_bleed.camera_center_m)
-        turned_deg = np.linalg.norm(uncertainty.label_bleed.rotation_deg)
-        rows.append(("labels 1 px off", f"moves it by {moved_mm:.1f} mm and {turned_deg:.3f} deg"))
+        rotation_deg = np.linalg.norm(uncertainty.label_bleed.rotation_deg)
+        rows.append(("labels 1 px off", f"moves it by {moved_mm:.1f} mm and {rotation_deg:.3f} deg"))
     if uncertainty.intrinsics_cost is not None:
         off_m, off_deg = uncertainty.intrinsics_cost.together
         by = f"1 px (cx, cy), 0.1 % (fx, fy) move it by {1000.0 * off_m:.1f} mm and {off_deg:.3f} deg"
@@ -123,7 +123,7 @@ def _camera_rows(calibration: CalibrationDocument) -> Rows:
     """Describe the intrinsics and the clock that were estimated together with the pose."""
     lines = []
     if (camera := calibration.camera) is not None:
-        lines = [*(each.line for each in intrinsic_texts(camera)), kept_sentence(camera)]
+        lines = [*(intrinsic.line for intrinsic in intrinsic_texts(camera)), kept_sentence(camera)]
     rows = [("" if number else "intrinsics", line) for number, line in enumerate(lines)]
     return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock))]
 
@@ -156,12 +156,14 @@ def hypothesis_lines(hypotheses: Sequence[Mounting], *, verbose: bool = False) -
     else:
         head = f"      {axes}{'turned by':>14}{'behind the best':>18}"
     best = hypotheses[0]
-    rows = [_expert_figures(each) if verbose else _figures_beside(best, each) for each in hypotheses]
+    rows = [
+        _expert_figures(mounting) if verbose else _figures_beside(best, mounting) for mounting in hypotheses
+    ]
     return [
         head,
         *(
-            f"  {number:>2}. {row(each.T_camera_lidar[2][:3], 4):<27}{each.overlap:>7.0%}{figures}".rstrip()
-            for number, (each, figures) in enumerate(zip(hypotheses, rows, strict=True), start=1)
+            f"  {number:>2}. {row(mounting.T_camera_lidar[2][:3], 4):<27}{mounting.overlap:>7.0%}{figures}".rstrip()
+            for number, (mounting, figures) in enumerate(zip(hypotheses, rows, strict=True), start=1)
         ),
     ]
 

@@ -125,7 +125,7 @@ def _session(
 
 
 def _missing_labels(drive: Drive, sweeps: SweepCache) -> str:
-    """Say which labels a drive lacks; empty if it has all."""
+    """Describe which labels a drive lacks; empty if it has all."""
     from semcal_cli.errors import InputError
     from semcal_cli.observations.reading import check_labelled, read_clouds
 

@@ -37,7 +37,7 @@ Result = TypeVar("Result", bound=StageResult)
 def announced(
     name: str, doing: str, stage: Callable[[], Result], on_event: Listener, T_before: Pose | None = None
 ) -> Result:
-    """Run a stage, and tell a listener when it starts and what it found.
+    """Run a stage, and notify a listener when it starts and of its result.
 
     Args:
         name: Name of the stage, as in the result.
@@ -48,11 +48,11 @@ def announced(
     """
     on_event(Progress(doing))
     start = perf_counter()
-    found = stage()
+    result = stage()
     moved = None
     # A stage that keeps the previous pose returns the same object, and has not moved it.
-    if T_before is not None and found.T_camera_lidar is not T_before:
-        moved = compare_poses(found.T_camera_lidar, T_before)
+    if T_before is not None and result.T_camera_lidar is not T_before:
+        moved = compare_poses(result.T_camera_lidar, T_before)
     seconds = perf_counter() - start
-    on_event(StageDone(name, seconds, found.note, found.agreement, moved, found.details))
-    return found
+    on_event(StageDone(name, seconds, result.note, result.agreement, moved, result.details))
+    return result

@@ -232,8 +232,8 @@ def _progress_bar(step: str, on_event: Listener) -> type[Any]:
 
         def update(self, n: float | None = 1) -> None:
             self.num_done += int(n or 0)
-            of = f" of {self.total / MEGABYTE:.1f}" if self.total else ""
-            on_event(Progress(f"{step}: {self.num_done / MEGABYTE:.1f}{of} MB"))
+            of_total = f" of {self.total / MEGABYTE:.1f}" if self.total else ""
+            on_event(Progress(f"{step}: {self.num_done / MEGABYTE:.1f}{of_total} MB"))
 
         def update_transfer(self, n: float | None = 1) -> None:
             """Ignore compressed chunks, which `update` counts already; the library calls this method."""

@@ -93,7 +93,7 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> L
         "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
         "probabilities": has_probabilities,
     }
-    named_ids = {value for ids in model.classes.values() for value in ids}
+    class_ids = {value for ids in model.classes.values() for value in ids}
     ignored = dict.fromkeys((*model.ignore, NO_BYTE, NO_ID))
 
     def label(drive: Drive, frame: Frame) -> bytes:
@@ -103,7 +103,7 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> L
             if has_probabilities:
                 return _probability_archive(labeller.shares(image))
             ids = labeller.ids(image)
-        is_small = NO_BYTE not in named_ids and ids[ids != NO_ID].max(initial=0) < NO_BYTE
+        is_small = NO_BYTE not in class_ids and ids[ids != NO_ID].max(initial=0) < NO_BYTE
         if is_small:
             ids = np.where(ids == NO_ID, NO_BYTE, ids).astype(np.uint8)
         return bytes(cv2.imencode(".png", ids)[1].tobytes())
@@ -124,7 +124,7 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> L
         source="image",
         suffix=".npz" if has_probabilities else ".png",
         classes=model.classes,
-        ignore=tuple(value for value in ignored if value not in named_ids),
+        ignore=tuple(value for value in ignored if value not in class_ids),
         settings=settings,
         label=label,
         is_whole=is_whole,

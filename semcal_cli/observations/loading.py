@@ -83,9 +83,11 @@ class LoadedDrive:
     def with_settings(self, config: RefinementConfig) -> LoadedDrive:
         """Use the maximum baseline and the edge band of these settings."""
 
-        def with_both(seen: Observations) -> Observations:
-            other = replace(seen, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-            return seen if other.shared_settings == seen.shared_settings else other
+        def with_both(observations: Observations) -> Observations:
+            other = replace(
+                observations, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px
+            )
+            return observations if other.shared_settings == observations.shared_settings else other
 
         coarse_cue = None if self.coarse_cue is None else with_both(self.coarse_cue)
         return replace(self, observations=with_both(self.observations), coarse_cue=coarse_cue)
@@ -135,12 +137,12 @@ class LoadedDrive:
 
     @property
     def searched_by(self) -> Observations:
-        """Observations by which mounting directions are told apart, in classes that all frames share."""
+        """Observations by which mounting directions are distinguished, in classes that all frames share."""
         cue = self.policy.searched_by
         return self.observations if cue is None else self.of_cue(cue).of_classes
 
     def of_cue(self, cue: CueName) -> Observations:
-        """Observations of one of the cues by which the drive was loaded."""
+        """Return the observations of one of the cues by which the drive was loaded."""
         refined, coarse = self.policy.refined, self.policy.coarse
         if self.coarse_cue is not None and cue in coarse:
             return self.coarse_cue.of_cue(coarse.index(cue))
@@ -184,9 +186,9 @@ def load(
     data = LoadedDrive(used, observations, cues, coarse_cue, config.max_frames, recorded=whole)
     data = data.with_settings(config.refinement)
     # Copies of frames add no evidence.
-    seen = data.first_cue
-    if copies := set(copied_frames(seen.scenes, [image.classes for image in seen.images])):
-        kept = [index for index in range(seen.num_frames) if index not in copies]
+    first_cue = data.first_cue
+    if copies := set(copied_frames(first_cue.scenes, [image.classes for image in first_cue.images])):
+        kept = [index for index in range(first_cue.num_frames) if index not in copies]
         data = replace(data.of_frames(kept), num_copies=len(copies))
     note = _describe(data, len(whole.frames))
     if config.cues == AUTO and not is_default(cues):

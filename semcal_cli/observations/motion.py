@@ -290,7 +290,9 @@ def unrolled(observations: Observations, T_camera_lidar: Pose) -> Observations:
     lens, shutter = core_camera(camera), (camera.readout_s, camera.direction)
     clouds = []
     for cloud, twist in zip(observations.clouds, twists, strict=True):
-        points, exposed_s = core.unroll(lens, shutter, cloud.points, _seen_s(cloud), twist, T_camera_lidar)
+        points, exposed_s = core.unroll(
+            lens, shutter, cloud.points, _exposure_s(cloud), twist, T_camera_lidar
+        )
         clouds.append(replace(cloud, points=points, exposed_s=exposed_s))
     return observations.with_clouds(clouds)
 
@@ -311,7 +313,7 @@ def exposed_as(observations: Observations, others: Observations) -> Observations
     clouds = []
     for cloud, other, along in zip(observations.clouds, others.clouds, _at_twists(observations), strict=True):
         assert other.exposed_s is not None
-        points = along.compensate(cloud.points, _seen_s(cloud) - other.exposed_s, 0.0)
+        points = along.compensate(cloud.points, _exposure_s(cloud) - other.exposed_s, 0.0)
         clouds.append(replace(cloud, points=points, exposed_s=other.exposed_s))
     return observations.with_clouds(clouds)
 
@@ -330,8 +332,8 @@ def shutter_error_px(drive: Drive, sweeps: Sequence[npt.NDArray[np.float32]]) ->
     if readout_s == 0.0 or motion is None or motion.speed_m_s is None:
         return None
     ranges_m = [np.linalg.norm(points, axis=1) for points in sweeps]
-    way_m = MEAN_SHARE * readout_s * motion.speed_m_s * MEAN_SINE
-    shifts = way_m / np.maximum(np.concatenate(ranges_m), MIN_RANGE_M)
+    shift_m = MEAN_SHARE * readout_s * motion.speed_m_s * MEAN_SINE
+    shifts = shift_m / np.maximum(np.concatenate(ranges_m), MIN_RANGE_M)
     return float(np.median(shifts)) * core_camera(drive.camera).pixels_per_radian
 
 
@@ -366,5 +368,5 @@ def _at_twists(observations: Observations) -> list[core.Trajectory]:
     return [core.Trajectory.constant(twist, 0.0) for twist in twists]
 
 
-def _seen_s(cloud: LabelledCloud) -> npt.NDArray[np.float64]:
+def _exposure_s(cloud: LabelledCloud) -> npt.NDArray[np.float64]:
     return np.zeros(cloud.num_points) if cloud.exposed_s is None else cloud.exposed_s

@@ -199,20 +199,20 @@ class Observations:
         return {"max_baseline_m": self.max_baseline_m, "edge_band_px": self.edge_band_px}
 
     def of_frames(self, indices: Iterable[int]) -> Observations:
-        """Observations of some of the frames, by each cue."""
+        """Return the observations of some of the frames, by each cue."""
         kept = list(indices)
         of_cues = (self.frame_observations[self.span_of_cue(cue)] for cue in range(self.num_cues))
-        known = None if self.known_scenes is None else [self.known_scenes[index] for index in kept]
-        return replace(self._with(of_cue[index] for of_cue in of_cues for index in kept), known_scenes=known)
+        scenes = None if self.known_scenes is None else [self.known_scenes[index] for index in kept]
+        return replace(self._with(of_cue[index] for of_cue in of_cues for index in kept), known_scenes=scenes)
 
     def of_cue(self, cue: int) -> Observations:
-        """Observations of all frames by one cue, counted from 0."""
+        """Return the observations of all frames by one cue, counted from 0."""
         if self.num_cues == 1:
             return self
         return replace(self._with(self.frame_observations[self.span_of_cue(cue)]), num_cues=1)
 
     def span_of_cue(self, cue: int) -> slice:
-        """Slice of `frame_observations` with the observations by one cue, counted from 0."""
+        """Return the slice of `frame_observations` with the observations by one cue, counted from 0."""
         return slice(cue * self.num_frames, (cue + 1) * self.num_frames)
 
     def with_clouds(self, clouds: Iterable[LabelledCloud]) -> Observations:

@@ -51,23 +51,23 @@ class ClassTable:
 
 
 def class_table(
-    raw: Sequence[Labels], named: Mapping[str, Sequence[int]], ignored: Sequence[int]
+    raw: Sequence[Labels], ids_by_name: Mapping[str, Sequence[int]], ignored: Sequence[int]
 ) -> ClassTable:
     """Number the classes of the points or of the pixels.
 
     Args:
         raw: Labels of every frame.
-        named: Raw ids of each name; ids not listed carry no information. If empty, every id is its own class.
+        ids_by_name: Raw ids of each name; ids not listed carry no information. If empty, every id is its own class.
         ignored: Raw ids that carry no information.
 
     Raises:
         ValueError: there are more than 255 classes.
     """
     ids = (labels.ids if isinstance(labels, core.ClassShares) else labels for labels in raw)
-    seen = core.seen_ids([np.ascontiguousarray(frame_ids) for frame_ids in ids])
-    seen[list(ignored)] = False
-    groups = named or {str(value): (int(value),) for value in np.flatnonzero(seen)}
-    listed = {name: [i for i in ids if seen[i]] for name, ids in groups.items()}
+    is_present = core.seen_ids([np.ascontiguousarray(frame_ids) for frame_ids in ids])
+    is_present[list(ignored)] = False
+    groups = ids_by_name or {str(value): (int(value),) for value in np.flatnonzero(is_present)}
+    listed = {name: [i for i in ids if is_present[i]] for name, ids in groups.items()}
     present = {name: ids for name, ids in listed.items() if ids}
     if len(present) > MAX_CLASSES:
         raise ValueError(f"found {len(present)} classes, needed at most {MAX_CLASSES}")
@@ -189,7 +189,7 @@ def read_image_classes(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]
 
 
 def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
-    """Red, green and blue of each class of colour-coded label images, in the order of the palette."""
+    """List red, green and blue of each class of colour-coded label images, in the order of the palette."""
     return None if drive.palette is None else [(r, g, b) for r, g, b in drive.palette.values()]
 
 
@@ -298,14 +298,14 @@ def _cloud_of_arrays(arrays: HeldArrays, frame: Frame) -> SweepCloud:
 
 def _point_labels(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Labels]:
     labels = [cloud.labels if cloud.label_shares is None else cloud.label_shares for cloud in clouds]
-    known = [of_cloud for of_cloud in labels if of_cloud is not None]
-    if len(known) < len(clouds):
+    present = [of_cloud for of_cloud in labels if of_cloud is not None]
+    if len(present) < len(clouds):
         frame = next(f for f, of_cloud in zip(drive.frames, labels, strict=True) if of_cloud is None)
         needed = "needed a file of class ids, or a field of the cloud named label, class or semantic"
-        if not known:
+        if not present:
             needed += "; edges need none: leave out --cue, or use --cue edges"
         raise InputError(f"{drive.path}: {frame.key('point_labels')}: found nothing, {needed}")
-    return known
+    return present
 
 
 def image_label_paths(drive: Drive) -> list[Path]:
@@ -325,18 +325,18 @@ def count_labels(drive: Drive, side: Side, labels: Labels) -> tuple[dict[str, in
         ignored.add(NO_CLASS)
     else:
         counts = np.bincount(labels.ravel())
-    named = _named_ids(drive, side)
-    names = {value: name for name, values in named.items() for value in values}
+    ids_by_name = _ids_by_name(drive, side)
+    names = {value: name for name, values in ids_by_name.items() for value in values}
     by_name: dict[str, int] = {}
     for value in np.flatnonzero(counts).tolist():
-        name = names.get(value, "" if named else str(value))
+        name = names.get(value, "" if ids_by_name else str(value))
         if value not in ignored and name:
             by_name[name] = by_name.get(name, 0) + int(counts[value])
     return by_name, int(counts.sum()) - sum(by_name.values())
 
 
-def _named_ids(drive: Drive, side: Side) -> Mapping[str, Sequence[int]]:
-    """Raw ids of each class name; with a palette, an id is an index into it."""
+def _ids_by_name(drive: Drive, side: Side) -> Mapping[str, Sequence[int]]:
+    """Return the raw ids of each class name; with a palette, an id is an index into it."""
     if side == "image" and drive.palette is not None:
         return {name: (place,) for place, name in enumerate(drive.palette)}
     return getattr(drive.classes, side) if drive.classes else {}
@@ -348,7 +348,7 @@ def _class_table(drive: Drive, side: Side, labels: Sequence[Labels]) -> ClassTab
         needed = "the palette alone; colours that it does not list are ignored"
         raise InputError(f"{drive.path}: palette: found classes.image or ignore.image, too, needed {needed}")
     try:
-        table = class_table(labels, _named_ids(drive, side), getattr(drive.ignore, side))
+        table = class_table(labels, _ids_by_name(drive, side), getattr(drive.ignore, side))
     except ValueError as error:
         raise InputError(f"{drive.path}: classes.{side}: {error}") from None
     if not table.names:

@@ -15,7 +15,7 @@ MAX_POINTS = 30_000
 """Largest number of points of a cloud that are used."""
 SAME_RANGE_M, SAME_RANGE = 0.05, 0.01
 """Largest difference of two ranges that count as the same: metres, plus a share of the range."""
-MIN_ALIKE = 0.7
+MIN_SAME_RANGE_SHARE = 0.7
 """Smallest share of directions with the same range in two frames that show one scene. It is 0.88 to 0.97 for copies
 with 5 mm to 2 cm of noise, and at most 0.24 for frames of six synthetic drives. A car that rolls to a halt passes
 through all values: neighbouring frames of a KITTI drive in a traffic jam have 0.48 to 0.84."""
@@ -39,14 +39,14 @@ def alike_frames(ranges: Sequence[npt.NDArray[np.float32]]) -> list[int]:
     first = list(range(len(ranges)))
     if len(ranges) < 2:
         return first
-    for later, earlier in np.argwhere(np.tril(shares_alike(ranges) >= MIN_ALIKE, -1)).tolist():
-        joined, kept = sorted((first[earlier], first[later]), reverse=True)
-        first = [kept if scene == joined else scene for scene in first]
+    for later, earlier in np.argwhere(np.tril(shares_alike(ranges) >= MIN_SAME_RANGE_SHARE, -1)).tolist():
+        later_scene, earlier_scene = sorted((first[earlier], first[later]), reverse=True)
+        first = [earlier_scene if scene == later_scene else scene for scene in first]
     return first
 
 
 def shares_alike(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
-    """Share of the directions seen in either of two frames that have the same range in both, (F, F).
+    """Compute the share (F, F) of the directions seen in either of two frames that have the same range in both.
 
     Args:
         nearest: The `nearest_ranges` of each frame.
@@ -61,8 +61,8 @@ def shares_alike(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.f
         # The difference of two infinite ranges is NaN, which compares false.
         with np.errstate(invalid="ignore"):
             is_same = np.abs(others - own) < SAME_RANGE_M + SAME_RANGE * nearer
-        num_seen = np.count_nonzero(np.isfinite(nearer), axis=1)
-        return np.asarray(np.count_nonzero(is_same, axis=1) / np.maximum(num_seen, 1))
+        num_finite = np.count_nonzero(np.isfinite(nearer), axis=1)
+        return np.asarray(np.count_nonzero(is_same, axis=1) / np.maximum(num_finite, 1))
 
     with thread_pool() as pool:
         for frame, row in enumerate(pool.map(with_earlier, range(len(ranges)))):
@@ -89,7 +89,7 @@ def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]
 
 
 def nearest_ranges(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Range (C,) of the nearest of points (N, 3) in each cell of directions, metres; infinite where there is none."""
+    """Compute the range (C,) of the nearest point (N, 3) in each cell of directions, metres; infinite without one."""
     x, y, z = np.ascontiguousarray(points[:: max(len(points) // MAX_POINTS, 1)].T)
     flat = np.hypot(x, y)
     columns, rows = round(360.0 / CELL_DEG), round(180.0 / CELL_DEG)

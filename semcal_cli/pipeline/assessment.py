@@ -69,10 +69,10 @@ def assess(
         return stages
     on_event(Progress("assessing"))
     start = perf_counter()
-    seen, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
-    pose = _AssessedPose(seen, stages, config.polish, ClockUncertainty.of(seen, T, config.polish))
+    used, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
+    pose = _AssessedPose(used, stages, config.polish, ClockUncertainty.of(used, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(seen.checked_by, T, with_clock=pose.tells_clock)
+        measured = check_consistency(used.checked_by, T, with_clock=pose.tells_clock)
         assessment = _compare_frames(pose).with_measured(*measured)
     else:
         can_bleed = with_label_bleed and data.policy.has_label_bleed
@@ -182,20 +182,20 @@ class _AssessedPose:
 def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
     """Estimate the uncertainty of a maximum of the mutual information, and run all checks."""
     data, T, with_priors = pose.data, pose.stages.T_camera_lidar, pose.stages.fused is not None
-    checked, camera, budget = data.checked_by, data.observations.camera, pose.budget
+    of_checks, camera, budget = data.checked_by, data.observations.camera, pose.budget
     cost = None if pose.shift is None else intrinsics_cost(pose.shift, camera)
-    around = pose.around if checked is data.observations else around_intrinsics(checked, T)
+    around = pose.around if of_checks is data.observations else around_intrinsics(of_checks, T)
     # While one check runs Python code, the core works on another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, pose)
-        of_consistency = pool.submit(check_consistency, checked, T, with_clock=pose.tells_clock)
-        of_scale = pool.submit(check_scale, checked)
+        of_consistency = pool.submit(check_consistency, of_checks, T, with_clock=pose.tells_clock)
+        of_scale = pool.submit(check_scale, of_checks)
         of_pose = pool.submit(_uncertainty, pose, with_label_bleed=with_label_bleed)
         frames, uncertainty = of_frames.result(), of_pose.result()
         assessment = frames.with_measured(
             *of_consistency.result(),
             *check_rivals(data.observations, T, uncertainty, with_priors=with_priors),
-            *check_intrinsics(around, camera, checked.num_cues * len(set(checked.scenes))),
+            *check_intrinsics(around, camera, of_checks.num_cues * len(set(of_checks.scenes))),
         )
         notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
     if uncertainty is None:
@@ -232,7 +232,7 @@ def _uncertainty(pose: _AssessedPose, *, with_label_bleed: bool) -> Uncertainty 
 
 
 def _advice(pose: _AssessedPose, uncertainty: Uncertainty) -> str | None:
-    """Say what to do where only unknowns besides the pose make an interval too wide; None for other intervals."""
+    """Describe what to do where only unknowns besides the pose make an interval too wide; None for other intervals."""
     joint, budget = pose.stages.joint, pose.budget
 
     def is_narrow_without(part: Matrix | None) -> bool:

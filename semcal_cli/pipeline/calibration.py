@@ -87,9 +87,9 @@ def calibrate(
     data = load(data, config)
     _check_options(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
-    given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
+    candidates = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     stages = refine_and_polish(
-        data, initial, config.refinement, config.seed, priors, on_event, candidates=given
+        data, initial, config.refinement, config.seed, priors, on_event, candidates=candidates
     )
     stages = assess(data, stages, config.refinement, on_event)
     stages = compare_motion(data, stages, on_event)
@@ -122,17 +122,17 @@ def initialize(
             start_by_motion, data.observations, data.recorded or data.drive, config, data.policy.near_only
         )
         return announced("initial", "comparing the motion of camera and LiDAR", start, on_event)
-    T_given = None if initial_pose is None else initial_pose.T_camera_lidar
-    is_searched = T_given is None or config.search_deg is not None
+    T_start = None if initial_pose is None else initial_pose.T_camera_lidar
+    is_searched = T_start is None or config.search_deg is not None
     if is_searched and not data.policy.can_find_mounting:
         raise InputError(f"{data.drive.path}: {needed_start(data.policy.near_only, data.drive)}")
 
     def is_possible(T_camera_lidar: Pose) -> bool:
         return all(prior.allows(T_camera_lidar, INITIAL_M, math.radians(INITIAL_DEG)) for prior in priors)
 
-    search = partial(search_mountings, data.searched_by, config, seed, T_given, is_possible)
-    if T_given is not None and not is_searched and data.policy.needs_near_start:
-        search = partial(unsearched, data.observations, T_given, config)
+    search = partial(search_mountings, data.searched_by, config, seed, T_start, is_possible)
+    if T_start is not None and not is_searched and data.policy.needs_near_start:
+        search = partial(unsearched, data.observations, T_start, config)
     doing = "searching all mounting directions"
     if initial_pose is not None:
         doing = f"{'searching around' if is_searched else 'starting at'} {initial_pose.name}"
@@ -192,11 +192,11 @@ def refine_and_polish(
             data, initial, refined, partial(refine_from, data), seed, on_event
         )
         of_search = () if is_clear else of_search
-    seen = data.unrolled(refined.T_camera_lidar)
-    if seen is not data:
-        refined = refine_from(seen, refined.T_camera_lidar, on_event=on_event)
+    unrolled = data.unrolled(refined.T_camera_lidar)
+    if unrolled is not data:
+        refined = refine_from(unrolled, refined.T_camera_lidar, on_event=on_event)
         # A point may lie on another row at the new pose.
-        seen = data.unrolled(refined.T_camera_lidar)
+        unrolled = data.unrolled(refined.T_camera_lidar)
     stages = Stages.from_refined(
         data,
         initial,
@@ -205,21 +205,25 @@ def refine_and_polish(
         max_baseline_m=data.observations.max_baseline_m,
         of_search=of_search,
     )
-    stages = replace(stages, unrolled=None if seen is data else seen.observations)
-    return _finish(seen, stages, config, priors, on_event)
+    stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
+    return _finish(unrolled, stages, config, priors, on_event)
 
 
 def _finish(
-    seen: LoadedDrive, stages: Stages, config: RefinementConfig, priors: Sequence[Prior], on_event: Listener
+    unrolled: LoadedDrive,
+    stages: Stages,
+    config: RefinementConfig,
+    priors: Sequence[Prior],
+    on_event: Listener,
 ) -> Stages:
     """Polish a refined pose, then estimate intrinsics and the clock with it, or fuse it with priors, if requested."""
-    if not _is_polished(seen.observations, config):
+    if not _is_polished(unrolled.observations, config):
         return stages
-    polished = polish(seen, stages.T_camera_lidar, config, on_event)
+    polished = polish(unrolled, stages.T_camera_lidar, config, on_event)
     stages, T_polished = replace(stages, polished=polished), polished.T_camera_lidar
     if not config.jointly.is_empty:
-        return replace(stages, joint=estimate_jointly(seen, T_polished, config, on_event))
-    return replace(stages, fused=fuse(seen, T_polished, config, priors, on_event)) if priors else stages
+        return replace(stages, joint=estimate_jointly(unrolled, T_polished, config, on_event))
+    return replace(stages, fused=fuse(unrolled, T_polished, config, priors, on_event)) if priors else stages
 
 
 def _is_polished(observations: Observations, config: RefinementConfig) -> bool:
@@ -290,8 +294,10 @@ def refine(
                 observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
             )
         settings = {"refinement": {**refined.settings, **settings}}
-        known = {"priors": [prior.describe() for prior in priors]} if priors else {}
-        return replace(refined, details=f"{config.estimator}, {refined.details}", settings=settings | known)
+        of_priors = {"priors": [prior.describe() for prior in priors]} if priors else {}
+        return replace(
+            refined, details=f"{config.estimator}, {refined.details}", settings=settings | of_priors
+        )
 
     return announced("refined", "refining", ascend, on_event, T_init)
 
@@ -345,15 +351,17 @@ def repeat(
     """Calibrate with the next seeds, and compare the poses."""
     start = perf_counter()
     poses: list[Pose | None] = []
-    given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
+    candidates = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     for seed in range(config.seed + 1, config.seed + config.num_seeds):
         on_event(Progress(f"repeating with seed {seed}"))
         try:
             initial = stages.searched
             if initial is None or initial.by_motion is None:
                 initial = initialize(data, config.initialization, seed, initial_pose, priors)
-            again = refine_and_polish(data, initial, config.refinement, seed, priors, candidates=given)
-            poses.append(again.T_camera_lidar)
+            repetition = refine_and_polish(
+                data, initial, config.refinement, seed, priors, candidates=candidates
+            )
+            poses.append(repetition.T_camera_lidar)
         except CalibrationError:
             poses.append(None)
     of_motion = None if stages.assessment is None else stages.assessment.of_motion

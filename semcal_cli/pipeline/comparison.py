@@ -47,13 +47,13 @@ class Comparison:
     """Difference on each axis: x, y, z of the camera centre, then of the rotation."""
 
     def half_width(self, unit: str) -> float | None:
-        """Half width of the 95 % interval of the total difference, "cm" or "deg"; None if neither is known."""
+        """Compute the 95 % half width of the total difference, "cm" or "deg"; None if neither is known."""
         axes = [axis for axis in self.axes if axis.unit == unit]
-        known = [(axis.half_width_a, axis.half_width_b) for axis in axes]
-        if (None, None) in known:
+        half_widths = [(axis.half_width_a, axis.half_width_b) for axis in axes]
+        if (None, None) in half_widths:
             return None
         return overall_width(
-            [axis.difference for axis in axes], [math.hypot(a or 0.0, b or 0.0) for a, b in known]
+            [axis.difference for axis in axes], [math.hypot(a or 0.0, b or 0.0) for a, b in half_widths]
         )
 
     def verdict(self, off: float, allowed: float, unit: str) -> Verdict:
@@ -65,8 +65,10 @@ class Comparison:
 
 def describe_cameras(a: Extrinsic, b: Extrinsic) -> str | None:
     """Describe how the cameras of two transforms differ if either was estimated; None if they do not."""
-    has_found = any(each.record is not None and each.record.has_found_camera for each in (a, b))
-    if a.camera is None or b.camera is None or not has_found:
+    has_estimate = any(
+        extrinsic.record is not None and extrinsic.record.has_found_camera for extrinsic in (a, b)
+    )
+    if a.camera is None or b.camera is None or not has_estimate:
         return None
     differences = camera_differences(a.camera, b.camera, "B")
     return f"that of A has {', '.join(differences)}" if differences else None
@@ -79,7 +81,8 @@ def compare(a: Extrinsic, b: Extrinsic) -> Comparison:
     for index, offset in enumerate(error.offsets.tolist()):
         name, unit, scale = ("camera centre", "cm", 100.0) if index < 3 else ("rotation", "deg", 1.0)
         half_a, half_b = (
-            None if each.half_widths is None else scale * each.half_widths[index] for each in (a, b)
+            None if extrinsic.half_widths is None else scale * extrinsic.half_widths[index]
+            for extrinsic in (a, b)
         )
         axes.append(Axis(f"{name} {'xyz'[index % 3]}", unit, scale * offset, half_a, half_b))
     return Comparison(error, tuple(axes))

@@ -41,7 +41,7 @@ def refine_given(
 
 def assess_given(
     data: LoadedDrive,
-    given: InitialPose,
+    start: InitialPose,
     config: CalibrationConfig,
     on_event: Listener = ignore,
 ) -> CalibrationDocument:
@@ -55,15 +55,15 @@ def assess_given(
     """
     if data.observations.has_vectors:
         raise InputError(f"{data.drive.path}: found features, which have no histogram, needed another cue")
-    initial, refinement, T = start_at(data, given, on_event), config.refinement, given.T_camera_lidar
-    seen = data.unrolled(T)
-    begun = Stages.from_refined(
+    initial, refinement, T = start_at(data, start, on_event), config.refinement, start.T_camera_lidar
+    unrolled = data.unrolled(T)
+    initial_stages = Stages.from_refined(
         data, initial, None, is_compensated=True, max_baseline_m=data.observations.max_baseline_m
     )
     stages = replace(
-        begun,
-        polished=polish(seen, T, refinement, on_event),
-        unrolled=None if seen is data else seen.observations,
+        initial_stages,
+        polished=polish(unrolled, T, refinement, on_event),
+        unrolled=None if unrolled is data else unrolled.observations,
     )
     stages = assess(data, stages, refinement, on_event)
-    return make_calibration(data, stages, config, initial_pose=given)
+    return make_calibration(data, stages, config, initial_pose=start)

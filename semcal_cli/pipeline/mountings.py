@@ -50,11 +50,11 @@ def resolve_mountings(
     if not data.policy.needs_near_start and len(set(observations.scenes)) < FEW_SCENES.limit():
         # Segments of few scenes make no mounting clear, and take minutes for that.
         return initial, refined, False
-    best = taken = initial.hypotheses[0]
+    best = mounting = initial.hypotheses[0]
     rivals = [
         other for other in initial.hypotheses if _is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
-    is_clear, least = bool(rivals), OTHER_POSE.limit()
+    is_clear, limit = bool(rivals), OTHER_POSE.limit()
     for rival in rivals:
         on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
         # A mounting in which sweeps and images do not overlap is none.
@@ -63,16 +63,16 @@ def resolve_mountings(
             T_coarse = newton(
                 observations, several.coarse_maximum(rival.T_camera_lidar), PolishConfig()
             ).T_camera_lidar
-            if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
+            if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= limit:
                 continue
             of_rival = refine(rival.T_camera_lidar)
             (behind,) = sigmas_behind(observations, refined.T_camera_lidar, [of_rival.T_camera_lidar])
             if behind < 0.0:
-                taken, refined = rival, of_rival
-            is_clear &= abs(behind) >= least
+                mounting, refined = rival, of_rival
+            is_clear &= abs(behind) >= limit
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
-    return with_best(initial, taken, data.searched_by), refined, is_clear
+    return with_best(initial, mounting, data.searched_by), refined, is_clear
 
 
 def _is_rival(best: Mounting, other: Mounting, min_deg: float) -> bool:

@@ -109,7 +109,7 @@ def _placements(observations: Observations, paper: PaperConfig, seed: int) -> In
     """Take the best placement, and describe the others."""
     candidates = initialize(observations, paper, seed)
     T_first = candidates[0].T_camera_lidar
-    agreements = [core.agreement(observations.core, each.T_camera_lidar) for each in candidates]
+    agreements = [core.agreement(observations.core, candidate.T_camera_lidar) for candidate in candidates]
     hypotheses = tuple(
         describe(candidate, agreement, T_first)
         for candidate, agreement in zip(candidates, agreements, strict=True)
@@ -134,7 +134,7 @@ def _compared(
     right mounting is then usually among the other placements, and agrees as well even unrefined.
     """
     best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
-    ranked = sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
+    ranked = sorted(initial.hypotheses, key=lambda hypothesis: -hypothesis.corrected_nats)
     other = runner_up(measured_from(refined.T_camera_lidar, ranked), paper.initialization.runner_up_deg)
     if other is not None:
         initial = replace(initial, runner_up_margin=best.margin(other), runner_up=other)

@@ -105,7 +105,7 @@ def figures(check: AxisVerdict) -> str:
 
 
 def overall_offsets(checks: Sequence[AxisVerdict]) -> list[str]:
-    """Say how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
+    """Describe how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
     overall = [check for check in checks if check.name.endswith(OVERALL) or check.name == CLOCK]
     overall.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
     return [

@@ -212,8 +212,8 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     if not findings and uncertainty is not None:
         verdict = together(check.verdict for check in checks)
         looks = recognise(T_stated, estimate) if verdict == "fail" else []
-        reasons = [(LOOKS_LIKE, each) for each in looks]
-    reasons += [(CLOCK_TOPIC, each) for each in of_clock]
+        reasons = [(LOOKS_LIKE, sentence) for sentence in looks]
+    reasons += [(CLOCK_TOPIC, sentence) for sentence in of_clock]
     of_record = () if stated.record is None else check_own_drive(data.drive, stated.record)
     reasons += [(finding.topic, finding.sentence) for finding in of_record]
     if of_record:
@@ -250,23 +250,25 @@ def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
     return error.rotation_deg <= angle_deg and error.camera_center_m <= distance_m
 
 
-def recognise(T_given: Pose, T_estimate: Pose) -> list[str]:
+def recognise(T_stated: Pose, T_estimate: Pose) -> list[str]:
     """List the mistakes that explain the difference between a given transform (4, 4) and the estimate (4, 4)."""
-    if _is_near(T_given, T_estimate, SAME_DEG, SAME_M):
+    if _is_near(T_stated, T_estimate, SAME_DEG, SAME_M):
         return []
     optical_body = np.eye(4)
     optical_body[:3, :3] = OPTICAL_AXES.T
-    x, y, z, w = quaternion_xyzw(T_given)
-    center, place = T_given.copy(), T_given[:3, 3].tolist()
-    center[:3, 3] = 0.001 * T_given[:3, 3]
-    meant = {
-        "the inverse, T_lidar_camera": inverse(T_given),
-        "T_body_lidar of a camera's body frame, x forward and z up": optical_body @ T_given,
-        "T_lidar_body of a camera's body frame, x forward and z up": optical_body @ inverse(T_given),
+    x, y, z, w = quaternion_xyzw(T_stated)
+    center, place = T_stated.copy(), T_stated[:3, 3].tolist()
+    center[:3, 3] = 0.001 * T_stated[:3, 3]
+    poses_by_mistake = {
+        "the inverse, T_lidar_camera": inverse(T_stated),
+        "T_body_lidar of a camera's body frame, x forward and z up": optical_body @ T_stated,
+        "T_lidar_body of a camera's body frame, x forward and z up": optical_body @ inverse(T_stated),
         "a quaternion w x y z that was read as x y z w": pose_from_quaternion((y, z, w, x), place),
         "a quaternion x y z w that was read as w x y z": pose_from_quaternion((w, x, y, z), place),
         "a translation in millimetres": center,
     }
     return [
-        f"this looks like {name}" for name, T in meant.items() if _is_near(T, T_estimate, SAME_DEG, SAME_M)
+        f"this looks like {name}"
+        for name, T in poses_by_mistake.items()
+        if _is_near(T, T_estimate, SAME_DEG, SAME_M)
     ]

@@ -107,8 +107,8 @@ def as_begun(record: CalibrationDocument | None, drive: Drive) -> Drive:
         return drive
     # The estimated camera, which fits, is of the same images as that of the input.
     camera = record.input.camera if record.has_found_camera else None
-    given_s = record.clock.given_s if record.clock and record.clock.is_kept else None
-    return with_estimates(drive, camera, given_s)
+    offset_s = record.clock.given_s if record.clock and record.clock.is_kept else None
+    return with_estimates(drive, camera, offset_s)
 
 
 def seen_as(observations: Observations, own: Drive, other: Drive) -> Observations:

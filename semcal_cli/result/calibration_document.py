@@ -117,7 +117,7 @@ class CalibrationDocument(StrictModel):
             forms = pose_forms(T)
             fields = type(self).model_fields.items()
             vars(self).update(
-                {name: forms[key] for name, each in fields if (key := each.alias or name) in forms}
+                {name: forms[key] for name, field in fields if (key := field.alias or name) in forms}
             )
         return self
 
@@ -125,12 +125,12 @@ class CalibrationDocument(StrictModel):
         """Check that the estimated camera belongs to the input, and that the sizes match."""
         if self.camera is None:
             return
-        found, given = (
-            f"{each.model} of {each.width} x {each.height} pixels"
-            for each in (self.camera.found, self.input.camera)
+        estimated, stated = (
+            f"{camera.model} of {camera.width} x {camera.height} pixels"
+            for camera in (self.camera.found, self.input.camera)
         )
-        if found != given:
-            raise ValueError(f"camera.found: {mismatch(found, f'{given}, as in input.camera')}")
+        if estimated != stated:
+            raise ValueError(f"camera.found: {mismatch(estimated, f'{stated}, as in input.camera')}")
         with_clock = self.clock is not None and self.clock.is_determined
         rows, count = self.camera.joint_covariance, 6 + len(self.camera.intrinsics) + with_clock
         if rows is not None and len(rows) != count:

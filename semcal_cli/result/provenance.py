@@ -64,47 +64,47 @@ def with_provenance(
     if start is not None:
         sha256 |= hash_files([start], relative_to, hashes)
     name = os.path.relpath(drive.path, relative_to) if drive.arrays is None else str(drive.path)
-    described = calibration.input.model_copy(update={"drive": name, "sha256": sha256})
-    return calibration.model_copy(update={"input": described})
+    input_section = calibration.input.model_copy(update={"drive": name, "sha256": sha256})
+    return calibration.model_copy(update={"input": input_section})
 
 
-def hash_input(drive: Drive, keys: Sequence[str], known: dict[str, str] | None = None) -> dict[str, str]:
+def hash_input(drive: Drive, keys: Sequence[str], cache: dict[str, str] | None = None) -> dict[str, str]:
     """Compute the SHA-256 of each file or array of a drive that was read, by its name in the drive.
 
     Args:
         drive: The drive, with the used frames.
         keys: Keys of a frame's files that were read.
-        known: SHA-256 by the real paths of files; new ones are added.
+        cache: SHA-256 by the real paths of files; new ones are added.
 
     Raises:
         InputError: a file cannot be read.
     """
-    known, arrays = {} if known is None else known, drive.arrays
+    cache, arrays = {} if cache is None else cache, drive.arrays
     names = [getattr(frame, key) for frame in drive.frames for key in keys]
     if drive.motion is not None:
         names.append(drive.motion.poses)
     hashes = dict[str, str]()
     if arrays is None:
-        hashes[drive.path.name] = _sha256(drive.path, known)
+        hashes[drive.path.name] = _sha256(drive.path, cache)
     else:
         names += [name for frame in drive.frames for name in arrays.times_of(frame.points)]
-    return hashes | {name: hash_named(drive, name, known) for name in names if name is not None}
+    return hashes | {name: hash_named(drive, name, cache) for name in names if name is not None}
 
 
-def hash_named(drive: Drive, name: str, known: dict[str, str] | None = None) -> str:
+def hash_named(drive: Drive, name: str, cache: dict[str, str] | None = None) -> str:
     """Compute the SHA-256 of a file of a drive, or of the array in its place.
 
     Args:
         drive: The drive.
         name: Name of the file or of the array.
-        known: SHA-256 by the real paths of files; new ones are added.
+        cache: SHA-256 by the real paths of files; new ones are added.
 
     Raises:
         InputError: the file cannot be read.
     """
     if drive.arrays is not None:
         return hash_array(drive.arrays.by_name[name])
-    return _sha256(drive.resolve(name), {} if known is None else known)
+    return _sha256(drive.resolve(name), {} if cache is None else cache)
 
 
 def _networks(drive: Drive, keys: Sequence[str]) -> LabelNetworks | None:
@@ -118,27 +118,27 @@ def _networks(drive: Drive, keys: Sequence[str]) -> LabelNetworks | None:
 
 
 def hash_files(
-    paths: Iterable[Path], relative_to: Path, known: dict[str, str] | None = None
+    paths: Iterable[Path], relative_to: Path, cache: dict[str, str] | None = None
 ) -> dict[str, str]:
     """Compute the SHA-256 of files, by their paths relative to a folder.
 
     Args:
         paths: The files.
         relative_to: The folder.
-        known: SHA-256 by the real paths of files; new ones are added.
+        cache: SHA-256 by the real paths of files; new ones are added.
 
     Raises:
         InputError: a file cannot be read.
     """
-    known = {} if known is None else known
-    return {os.path.relpath(path, relative_to): _sha256(path, known) for path in paths}
+    cache = {} if cache is None else cache
+    return {os.path.relpath(path, relative_to): _sha256(path, cache) for path in paths}
 
 
-def _sha256(path: Path, known: dict[str, str]) -> str:
+def _sha256(path: Path, cache: dict[str, str]) -> str:
     real = os.path.realpath(path)
-    if real not in known:
-        known[real] = hash_file(path)
-    return known[real]
+    if real not in cache:
+        cache[real] = hash_file(path)
+    return cache[real]
 
 
 def camera_hash(camera: Camera) -> str:

@@ -88,15 +88,17 @@ class RefinedCamera(StrictModel):
 
     @model_validator(mode="after")
     def _check_names(self) -> RefinedCamera:
-        known = intrinsic_names(self.found.model)
-        if unknown := [name for name in self.intrinsics if name not in known]:
+        names = intrinsic_names(self.found.model)
+        if unknown := [name for name in self.intrinsics if name not in names]:
             raise mismatch(
-                f"intrinsics {listed(unknown)}", f"names of {self.found.model}: {', '.join(known)}"
+                f"intrinsics {listed(unknown)}", f"names of {self.found.model}: {', '.join(names)}"
             )
-        for name, each in self.intrinsics.items():
+        for name, estimate in self.intrinsics.items():
             value = intrinsic_value(self.found, name)
-            if not math.isclose(value, each.found, rel_tol=1e-9, abs_tol=1e-9):
-                raise mismatch(f"{name} {value} of the camera and {each.found} of its estimate", "one value")
+            if not math.isclose(value, estimate.found, rel_tol=1e-9, abs_tol=1e-9):
+                raise mismatch(
+                    f"{name} {value} of the camera and {estimate.found} of its estimate", "one value"
+                )
         return self
 
 
@@ -167,15 +169,17 @@ class IntrinsicText(NamedTuple):
 def intrinsic_texts(camera: RefinedCamera) -> list[IntrinsicText]:
     """Write each intrinsic that was estimated."""
     texts = []
-    for name, each in camera.intrinsics.items():
-        if each.half_width_95 is None:
-            given, found, half = f"{each.given:.6g}", f"{each.found:.6g}", ""
+    for name, estimate in camera.intrinsics.items():
+        if estimate.half_width_95 is None:
+            before, after, half = f"{estimate.given:.6g}", f"{estimate.found:.6g}", ""
         else:
-            half = figure(each.half_width_95)
+            half = figure(estimate.half_width_95)
             digits = len(half.partition(".")[2])
             # Adding zero avoids -0.0000.
-            given, found = (f"{round(value, digits) + 0.0:.{digits}f}" for value in (each.given, each.found))
-        texts.append(IntrinsicText(name, given, found, half, " px" if name in K_ENTRIES else ""))
+            before, after = (
+                f"{round(value, digits) + 0.0:.{digits}f}" for value in (estimate.given, estimate.found)
+            )
+        texts.append(IntrinsicText(name, before, after, half, " px" if name in K_ENTRIES else ""))
     return texts
 
 
@@ -185,7 +189,7 @@ def kept_sentence(camera: RefinedCamera) -> str:
     gain = f"{camera.held_out_gain_nats:.4f}{'' if sigma is None else f' +- {sigma:.4f}'} nats"
     if camera.is_kept:
         return f"kept: held-out data gain {gain}"
-    if not any(each.is_determined for each in camera.intrinsics.values()):
+    if not any(estimate.is_determined for estimate in camera.intrinsics.values()):
         return f"not kept: the data determine none of them; {OF_DRIVE}"
     return f"not kept: held-out data gain {gain}; {OF_DRIVE}"
 
@@ -206,16 +210,16 @@ def offset_words(time_offset_s: float) -> str:
     return f"images are {1000.0 * abs(time_offset_s):.1f} ms {side} than their stamps say"
 
 
-def camera_differences(found: Camera, other: Camera, whose: str) -> list[str]:
+def camera_differences(camera: Camera, other: Camera, whose: str) -> list[str]:
     """List the differences between two cameras, except for how well they are known.
 
     Args:
-        found: The camera.
+        camera: The camera.
         other: The other camera.
         whose: Name of the other camera, to put before its values.
     """
-    values = {name: (intrinsic_value(found, name), intrinsic_value(other, name)) for name in K_ENTRIES}
+    values = {name: (intrinsic_value(camera, name), intrinsic_value(other, name)) for name in K_ENTRIES}
     differences = [f"{name} {a:.6g} ({whose}: {b:.6g})" for name, (a, b) in values.items() if a != b]
     names = [name for name in Camera.model_fields if name not in ("K", "intrinsics_sigma")]
-    a, b = map(without_last_zeros, (found, other))
+    a, b = map(without_last_zeros, (camera, other))
     return differences + [f"another {name}" for name in names if getattr(a, name) != getattr(b, name)]

@@ -193,13 +193,17 @@ class Movement(StrictModel):
     @property
     def words(self) -> str:
         """Describe how far the camera turned and moved, where either is more than chance."""
-        turned = _words(self.rotation_deg, self.half_width_95_rotation_deg)
-        moved = _words(self.camera_center_m, self.half_width_95_camera_center_m)
+        rotation = _words(self.rotation_deg, self.half_width_95_rotation_deg)
+        translation = _words(self.camera_center_m, self.half_width_95_camera_center_m)
         movements = (
-            [f"turned by {turned[0]:.2f} +- {turned[1]:.2f} degrees about {turned[2]}"] if turned else []
+            [f"turned by {rotation[0]:.2f} +- {rotation[1]:.2f} degrees about {rotation[2]}"]
+            if rotation
+            else []
         )
-        if moved:
-            movements.append(f"moved by {100 * moved[0]:.1f} +- {100 * moved[1]:.1f} cm along {moved[2]}")
+        if translation:
+            movements.append(
+                f"moved by {100 * translation[0]:.1f} +- {100 * translation[1]:.1f} cm along {translation[2]}"
+            )
         return " and ".join(movements) or "turned or moved"
 
 
@@ -219,7 +223,7 @@ class DrivePart(StrictModel):
 
 
 def _words(offset: Sequence[float], half_widths: Sequence[float]) -> tuple[float, float, str] | None:
-    """Length, half width and axis of an offset (3,); None if no axis is off by more than its interval."""
+    """Compute length, half width and axis of an offset (3,); None if no axis is off by more than its interval."""
     if not any(abs(by) > half for by, half in zip(offset, half_widths, strict=True)):
         return None
     vector = np.array(offset)

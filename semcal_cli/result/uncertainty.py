@@ -64,8 +64,8 @@ def check_covariance(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, 
         raise mismatch(f"entries that differ by {skew:.3g} across the diagonal", "a symmetric matrix")
     if (variance := np.diag(covariance).min()) < 0.0:
         raise mismatch(f"a variance of {variance:.3g}", "at least 0")
-    if (least := np.linalg.eigvalsh(0.5 * (covariance + covariance.T)).min()) < -tolerance:
-        raise mismatch(f"an eigenvalue of {least:.3g}", "a positive semidefinite matrix")
+    if (smallest := np.linalg.eigvalsh(0.5 * (covariance + covariance.T)).min()) < -tolerance:
+        raise mismatch(f"an eigenvalue of {smallest:.3g}", "a positive semidefinite matrix")
     return rows
 
 
@@ -117,9 +117,9 @@ class IntrinsicsCost(StrictModel):
     @property
     def together(self) -> tuple[float, float]:
         """Change of the camera's position, in metres, and rotation, in degrees, by all four errors if independent."""
-        each = self.fx, self.fy, self.cx, self.cy
-        center = np.linalg.norm([change.camera_center_m for change in each])
-        return float(center), float(np.linalg.norm([change.rotation_deg for change in each]))
+        changes = self.fx, self.fy, self.cx, self.cy
+        center = np.linalg.norm([change.camera_center_m for change in changes])
+        return float(center), float(np.linalg.norm([change.rotation_deg for change in changes]))
 
 
 class Uncertainty(StrictModel):
@@ -286,7 +286,7 @@ def image_radius_px(uncertainty: Uncertainty, camera: Camera, depth_m: float) ->
 
 
 def _motions(camera: Camera, depth_m: float) -> NDArray[np.float64]:
-    """(2, 6) pixels by which a twist, in metres and radians, moves a point on the optical axis."""
+    """Compute the pixels (2, 6) by which a twist, in metres and radians, moves a point on the optical axis."""
     ahead = np.array([0.0, 0.0, depth_m])
     steps = STEP * depth_m * np.eye(3)
     ends = core_camera(camera).project(np.concatenate([ahead + steps, ahead - steps]))

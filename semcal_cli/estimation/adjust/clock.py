@@ -87,15 +87,15 @@ def _estimate_offset(
 ) -> tuple[float, float] | None:
     """Estimate the offset and its standard error from the frames; None if they do not determine it."""
     few, sigma_s = few_frames(data.observations, NUM_FRAMES), data.drive.time_offset_sigma_s
-    known = AdjustmentConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
-    fit = Problem(few, Variables((), True), known, polish).fit_determined(T_camera_lidar)
+    adjustment = AdjustmentConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
+    fit = Problem(few, Variables((), True), adjustment, polish).fit_determined(T_camera_lidar)
     if not fit.variables.with_delay or fit.covariance is None:
         return None
     return float(fit.changes[0]), float(fit.sigmas[0])
 
 
 def notes_on_clock(data: LoadedDrive, clock: ClockUncertainty | None) -> tuple[str, ...]:
-    """Say what the frames show of the clock, or that it was not checked, and what that may cost."""
+    """Describe what the frames show of the clock, or that it was not checked, and what that may cost."""
     motion = data.drive.motion
     if motion is None:
         note = "the clock was not checked: the drive gives no motion"

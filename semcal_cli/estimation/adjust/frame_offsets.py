@@ -132,5 +132,5 @@ def _is_near(observations: Observations, T_start: Pose) -> bool:
 
 
 def _offsets(poses: Sequence[Pose], T_reference: Pose) -> Vectors:
-    """Offsets (N, 6) of the camera, in metres and degrees."""
+    """Compute the offsets (N, 6) of the camera, in metres and degrees."""
     return camera_motions(local_coordinates(poses, T_reference))

@@ -15,7 +15,7 @@ from semcal_cli import core
 from semcal_cli.config import AdjustmentConfig, PolishConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_all_coefficients
 from semcal_cli.errors import format_against_limit
-from semcal_cli.estimation.adjust.joint_fit import Fit, Problem, Variables, seen_by
+from semcal_cli.estimation.adjust.joint_fit import Fit, Problem, Variables, adjust_observations
 from semcal_cli.estimation.refine.polish import newton, split
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.information import information_by_squares, paired_gain
@@ -102,8 +102,8 @@ def _estimate(
 ) -> Joint:
     """Estimate once, with points that stay on their lines."""
     camera = with_all_coefficients(observations.camera, config.intrinsics)
-    seen, asked = replace(observations, camera=camera), Variables(config.intrinsics, config.with_delay)
-    problem = Problem(seen, asked, config, polish)
+    adjusted, asked = replace(observations, camera=camera), Variables(config.intrinsics, config.with_delay)
+    problem = Problem(adjusted, asked, config, polish)
     fit = problem.fit_determined(T_camera_lidar)
     gain = _held_out_gain(problem, T_camera_lidar, fit)
     is_kept = bool(
@@ -117,16 +117,16 @@ def _estimate(
     # The joint covariance of an estimate that is kept includes errors of all intrinsics.
     staying = asked
     if is_kept:
-        T, after, seen = fit.T_camera_lidar, fit.observations, fit.observations
+        T, after, adjusted = fit.T_camera_lidar, fit.observations, fit.observations
         staying = Variables((), asked.with_delay and not fit.variables.with_delay)
         if fit.covariance is not None:
             uncertainty = Uncertainty.from_covariance(T, fit.covariance[:6, :6], fit.degrees_of_freedom[:6])
     refined = _camera_of(fit, asked, camera, gain, is_kept) if asked.intrinsics else None
     clock = _clock_of(fit, time_offset_s, is_kept) if asked.with_delay else None
     words = [
-        f"{name} {each.found - each.given:+.4g}"
-        for name, each in ({} if refined is None else refined.intrinsics).items()
-        if each.is_determined
+        f"{name} {estimate.found - estimate.given:+.4g}"
+        for name, estimate in ({} if refined is None else refined.intrinsics).items()
+        if estimate.is_determined
     ]
     if clock is not None and clock.is_determined:
         words.append(f"clock {1e3 * clock.time_offset_s:+.1f} ms")
@@ -139,7 +139,7 @@ def _estimate(
         camera=refined,
         clock=clock,
         uncertainty=uncertainty,
-        left_open=_left_open(fit, seen, T, staying, config),
+        left_open=_left_open(fit, adjusted, T, staying, config),
         is_kept=is_kept,
         notes=_notes(fit, asked, gain, is_kept),
     )
@@ -165,8 +165,10 @@ def _left_open(
     """
     if not asked.names:
         return None
-    camera, seen = observations.camera, observations.without_edge_band
-    around = sensitivity(seen, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(seen))
+    camera, without_band = observations.camera, observations.without_edge_band
+    around = sensitivity(
+        without_band, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(without_band)
+    )
     shift = shift_by(around)
     if shift is None:
         return None
@@ -188,13 +190,13 @@ def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.InformationGain:
         part = of_kept.finish(fit.T_camera_lidar, fit.variables, fit.changes)
     if part is None or part.variables != fit.variables:
         return core.held_out_gain(kept.core, held_out.core, before, before)
-    seen = seen_by(held_out, part.variables, part.changes)
+    adjusted = adjust_observations(held_out, part.variables, part.changes)
     if problem.observations.has_partitions:
         return paired_gain(
-            information_by_squares(held_out, before), information_by_squares(seen, part.T_camera_lidar)
+            information_by_squares(held_out, before), information_by_squares(adjusted, part.T_camera_lidar)
         )
     return core.held_out_gain(
-        kept.core, held_out.core, before, part.T_camera_lidar, (part.observations.core, seen.core)
+        kept.core, held_out.core, before, part.T_camera_lidar, (part.observations.core, adjusted.core)
     )
 
 
@@ -203,14 +205,14 @@ def _camera_of(
 ) -> RefinedCamera:
     intrinsics = {}
     for name in asked.intrinsics:
-        given = intrinsic_value(camera, name)
+        drive_value = intrinsic_value(camera, name)
         change, sigma, half_width = 0.0, None, None
         if is_determined := name in fit.variables.intrinsics:
             index = fit.variables.names.index(name)
             change, sigma, half_width = (float(x[index]) for x in (fit.changes, fit.sigmas, fit.half_widths))
         intrinsics[name] = Intrinsic(
-            given=given,
-            found=given + change,
+            given=drive_value,
+            found=drive_value + change,
             sigma=sigma,
             half_width_95=half_width,
             is_determined=is_determined,
@@ -227,25 +229,25 @@ def _camera_of(
 
 
 def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
-    found_s, sigma_s, half_width_s, covariance = before_s, None, None, None
+    offset_s, sigma_s, half_width_s, covariance = before_s, None, None, None
     if is_determined := fit.variables.with_delay:
-        found_s, sigma_s = before_s + float(fit.changes[-1]), float(fit.sigmas[-1])
+        offset_s, sigma_s = before_s + float(fit.changes[-1]), float(fit.sigmas[-1])
         half_width_s, places = float(fit.half_widths[-1]), [*range(6), fit.places[-1]]
         covariance = None if fit.covariance is None else fit.covariance[np.ix_(places, places)].tolist()
     return Clock(
-        time_offset_s=found_s,
+        time_offset_s=offset_s,
         given_s=before_s,
         sigma_s=sigma_s,
         half_width_95_s=half_width_s,
         is_determined=is_determined,
         is_kept=is_kept and is_determined,
-        meaning=offset_words(found_s) if is_determined else NOT_DETERMINED,
+        meaning=offset_words(offset_s) if is_determined else NOT_DETERMINED,
         joint_covariance=covariance,
     )
 
 
 def _notes(fit: Fit, asked: Variables, gain: core.InformationGain, is_kept: bool) -> tuple[str, ...]:
-    """Say what is not determined, and why an estimate is not kept."""
+    """Describe what is not determined, and why an estimate is not kept."""
     notes = []
     if missing := [name for name in asked.intrinsics if name not in fit.variables.intrinsics]:
         *others, last = missing
@@ -262,10 +264,10 @@ def _notes(fit: Fit, asked: Variables, gain: core.InformationGain, is_kept: bool
         why = "the estimate differs from them only by chance"
         if fit.is_beyond_chance:
             by = gain.gain / max(gain.sigma, 1e-12)
-            better, least = format_against_limit(by, MIN_GAIN, 1)
+            better, limit = format_against_limit(by, MIN_GAIN, 1)
             why = (
                 f"held-out data agree only {better} standard errors better with the estimate, needed more than "
-                f"{least}"
+                f"{limit}"
             )
         notes.append(f"the {' and '.join(both)} of the drive are kept, because {why}")
     return tuple(notes)

@@ -90,7 +90,7 @@ class Variables(NamedTuple):
         return twists_per_s(observations) if self.with_delay else None
 
     def sigmas(self, camera: Camera, config: AdjustmentConfig) -> Numbers:
-        """Prior standard deviations of the variables, for the drive's camera."""
+        """Return the prior standard deviations of the variables, for the drive's camera."""
 
         def sigma(name: str) -> float:
             # An estimate replaces what a drive states: `camera` is the drive's.
@@ -198,16 +198,16 @@ class Problem:
         """
         # An unbounded time offset would make the pose unboundedly uncertain.
         uncertain = Variables(self.asked.intrinsics, variables.with_delay)
-        evidence = self._evidence(seen_by(self.observations, variables, changes), T)
+        evidence = self._evidence(adjust_observations(self.observations, variables, changes), T)
         if evidence is None:
-            nothing = Variables((), with_delay=False)
-            none = np.zeros(0)
-            return Fit(nothing, T, none, self.observations, nothing, None, np.ones(6), math.inf)
+            empty = Variables((), with_delay=False)
+            return Fit(empty, T, np.zeros(0), self.observations, empty, None, np.ones(6), math.inf)
         maximum = self._climb(T, variables, changes, range(FINE_LEVELS, -1, -1), evidence)
         changes = _changes(maximum, variables)
-        seen = seen_by(self.observations, variables, changes)
-        sure = self._covariance(seen, maximum.T_camera_lidar, uncertain)
-        return Fit(variables, maximum.T_camera_lidar, changes, seen, uncertain, *sure, maximum.moved_px)
+        adjusted = adjust_observations(self.observations, variables, changes)
+        T_max = maximum.T_camera_lidar
+        covariance, freedom = self._covariance(adjusted, T_max, uncertain)
+        return Fit(variables, T_max, changes, adjusted, uncertain, covariance, freedom, maximum.moved_px)
 
     def _fit(self, T: Pose, variables: Variables) -> Fit:
         """Find the maximum from the drive's values, from coarse blocks to pixels.
@@ -237,20 +237,22 @@ class Problem:
         for factor in BLOCKS_PX[1:]:
             if not self._left_open(fits[-1]):
                 break
-            sure = self._covariance(fit.observations, fit.T_camera_lidar, fit.uncertain, factor)
-            fits.append(fit._replace(covariance=sure[0], degrees_of_freedom=sure[1]))
-        return min(fits, key=lambda each: len(self._left_open(each)))
+            covariance, freedom = self._covariance(
+                fit.observations, fit.T_camera_lidar, fit.uncertain, factor
+            )
+            fits.append(fit._replace(covariance=covariance, degrees_of_freedom=freedom))
+        return min(fits, key=lambda candidate: len(self._left_open(candidate)))
 
     def _left_open(self, fit: Fit) -> list[str]:
         """List the variables that the data do not determine better than the priors."""
-        fitted = zip(fit.variables.names, fit.sigmas, self._known(fit.variables), strict=True)
+        fitted = zip(fit.variables.names, fit.sigmas, self._prior_sigmas(fit.variables), strict=True)
         return [
             name
             for name, sigma, before in fitted
             if not sigma <= (MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * before)
         ]
 
-    def _known(self, variables: Variables) -> Numbers:
+    def _prior_sigmas(self, variables: Variables) -> Numbers:
         return variables.sigmas(self.observations.camera, self.config)
 
     def _climb(
@@ -260,19 +262,19 @@ class Problem:
         settings = AscentConfig(
             factors=tuple(2**level for level in levels),
             changes=tuple(changes.tolist()),
-            sigmas=tuple(self._known(variables).tolist()),
+            sigmas=tuple(self._prior_sigmas(variables).tolist()),
             evidence=evidence,
         )
         names, twists = variables.of_core(self.observations.camera), variables.twists(self.observations)
         return core.maximise(self.observations.core, T, settings, names, twists)
 
-    def _evidence(self, seen: Observations, T: Pose) -> float | None:
+    def _evidence(self, adjusted: Observations, T: Pose) -> float | None:
         """Compute how many nats of a likelihood a nat of mutual information is worth, by the scatter of the scores.
 
         Returns:
             The number; None if the labels do not determine the pose.
         """
-        around = determined_sensitivity(seen, T, SensitivityConfig())
+        around = determined_sensitivity(adjusted, T, SensitivityConfig())
         if around is None:
             return None
         # Errors that classes share do not affect the climb; they are part of the final covariance.
@@ -280,18 +282,20 @@ class Problem:
         return 6.0 / float(np.trace(noise @ around.curvature))
 
     def _covariance(
-        self, seen: Observations, T: Pose, variables: Variables, factor: int = 1
+        self, adjusted: Observations, T: Pose, variables: Variables, factor: int = 1
     ) -> tuple[Matrix | None, Numbers]:
         """Compute the covariance of all variables, by the labels and by what was known before, on blocks of pixels."""
-        known = self._known(variables)
-        nothing = None, np.ones(6 + len(known))
+        prior_sigmas = self._prior_sigmas(variables)
+        nothing = None, np.ones(6 + len(prior_sigmas))
         settings = SensitivityConfig(factor=factor)
-        around = sensitivity(seen, T, settings, variables.of_core(seen.camera), variables.twists(seen))
+        around = sensitivity(
+            adjusted, T, settings, variables.of_core(adjusted.camera), variables.twists(adjusted)
+        )
         if around is None:
             return nothing
         of_borders = np.asarray(BORDERS_PX**2 * np.linalg.pinv(around.motions), np.float64)
         labels = measure(around, of_borders)
-        information = labels.information + np.diag(np.concatenate([np.zeros(6), known**-2.0]))
+        information = labels.information + np.diag(np.concatenate([np.zeros(6), prior_sigmas**-2.0]))
         # Metres, radians and pixels are mixed, so each variable is scaled before directions are compared.
         scale = np.sqrt(np.diag(information))
         if not (scale > 0.0).all():
@@ -310,16 +314,16 @@ def _information(observations: Observations, T: Pose) -> float:
     return agreement.mutual_information - agreement.bias
 
 
-def _changes(found: core.JointMaximum, variables: Variables) -> Numbers:
-    return np.array([*found.changes, *([found.offset_s] if variables.with_delay else [])])
+def _changes(maximum: core.JointMaximum, variables: Variables) -> Numbers:
+    return np.array([*maximum.changes, *([maximum.offset_s] if variables.with_delay else [])])
 
 
-def seen_by(observations: Observations, variables: Variables, changes: Numbers) -> Observations:
+def adjust_observations(observations: Observations, variables: Variables, changes: Numbers) -> Observations:
     """Return the observations as an estimate sees them: with its camera, and shifted by its time offset."""
     camera = observations.camera
     values = {
         name: intrinsic_value(camera, name) + change
         for name, change in zip(variables.intrinsics, changes.tolist(), strict=False)
     }
-    seen = replace(observations, camera=with_intrinsics(camera, values)) if values else observations
-    return delayed(seen, float(changes[-1])) if variables.with_delay else seen
+    adjusted = replace(observations, camera=with_intrinsics(camera, values)) if values else observations
+    return delayed(adjusted, float(changes[-1])) if variables.with_delay else adjusted

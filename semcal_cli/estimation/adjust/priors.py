@@ -63,9 +63,9 @@ class Prior:
 
     def residual(self, T_camera_lidar: Pose) -> npt.NDArray[np.float64]:
         """Compute the offset (6,) of a pose along the axes of this camera: position, metres, and rotation, radians."""
-        moved = camera_center(T_camera_lidar) - camera_center(self.T_camera_lidar)
-        turned = rotation_difference(T_camera_lidar, self.T_camera_lidar)
-        return np.concatenate([self.T_camera_lidar[:3, :3] @ moved, turned])
+        center_offset = camera_center(T_camera_lidar) - camera_center(self.T_camera_lidar)
+        rotation = rotation_difference(T_camera_lidar, self.T_camera_lidar)
+        return np.concatenate([self.T_camera_lidar[:3, :3] @ center_offset, rotation])
 
     def jacobian(self, T_camera_lidar: Pose) -> npt.NDArray[np.float64]:
         """Compute the derivatives (6, 6) of the residual with respect to a twist on the left of the pose."""
@@ -98,16 +98,16 @@ class Prior:
             rotation_rad: Possible error of its rotation about each axis.
         """
         slack = np.repeat([center_m, rotation_rad], 3)
-        most = CLAMP_SIGMAS * np.array(self.sigmas) + slack
-        return bool((np.abs(self.residual(T_camera_lidar)) <= most).all())
+        limits = CLAMP_SIGMAS * np.array(self.sigmas) + slack
+        return bool((np.abs(self.residual(T_camera_lidar)) <= limits).all())
 
     def clamp(self, T_camera_lidar: Pose) -> Pose:
         """Clamp a pose (4, 4) to within `CLAMP_SIGMAS` of the prior, axis by axis."""
         residual = self.residual(T_camera_lidar)
-        most = CLAMP_SIGMAS * np.array(self.sigmas)
-        if (np.abs(residual) <= most).all():
+        limits = CLAMP_SIGMAS * np.array(self.sigmas)
+        if (np.abs(residual) <= limits).all():
             return T_camera_lidar
-        clamped = np.clip(residual, -most, most)
+        clamped = np.clip(residual, -limits, limits)
         # The translation of a twist moves the camera's centre in the opposite direction.
         return pose_at(self.T_camera_lidar, np.concatenate([-clamped[:3], clamped[3:]]))
 
@@ -249,7 +249,7 @@ def _iterate(
         if around is None:
             return T, None
         labels = fit.labels if fit is not None and is_alone else measure(around, systematic)
-        step, covariance, is_closed = _solve(labels, *_known(T, priors), around.motions)
+        step, covariance, is_closed = _solve(labels, *_stack_priors(T, priors), around.motions)
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
         T = apply_twist(T, step)
@@ -269,7 +269,7 @@ def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix |
     return covariance_of_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
 
 
-def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> tuple[Matrix, Numbers, Numbers]:
+def _stack_priors(T_camera_lidar: Pose, priors: Sequence[Prior]) -> tuple[Matrix, Numbers, Numbers]:
     """List the known axes of all priors, a row each: `jacobian @ twist` should be minus the residual.
 
     Returns:
@@ -310,7 +310,7 @@ def _solve(
 
 def _offset_from_labels(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> OffsetFromLabels:
     """Compute the offset of the optimum of the labels alone from a prior, over all known axes at once."""
-    jacobian, residual, sigmas = _known(T_camera_lidar, [prior])
+    jacobian, residual, sigmas = _stack_priors(T_camera_lidar, [prior])
     alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
     off = residual + jacobian @ np.linalg.solve(labels.reads, labels.mean)
     covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(sigmas))

@@ -133,19 +133,19 @@ class FeaturePoints:
         self.network, self.device = network, device
         self.projection = TorchProjection(observations.camera)
         vectors = feature_vectors(observations)
-        given_px = observations.camera.width // vectors[0][1].shape[1]
-        pooled = max(1, factor // given_px)
-        self.block_px = given_px * pooled
+        vector_px = observations.camera.width // vectors[0][1].shape[1]
+        pooled = max(1, factor // vector_px)
+        self.block_px = vector_px * pooled
         maps = [block_means(pixel_vectors, pooled) for _, pixel_vectors in vectors]
         self.rows, self.columns, channels = maps[0].shape
         self.y = torch.from_numpy(np.concatenate([pixels.reshape(-1, channels) for pixels in maps]))
         points, x, frames = [], [], []
         for frame, (cloud, (point_vectors, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
             projected = core.project_points(core_camera(observations.camera), cloud.points, anchor)
-            seen = np.isfinite(projected.ranges) & ~(projected.is_hidden & visible_only)
-            points.append(cloud.points[seen])
-            x.append(point_vectors[seen])
-            frames.append(np.full(seen.sum(), frame))
+            is_visible = np.isfinite(projected.ranges) & ~(projected.is_hidden & visible_only)
+            points.append(cloud.points[is_visible])
+            x.append(point_vectors[is_visible])
+            frames.append(np.full(is_visible.sum(), frame))
         self.points = torch.from_numpy(np.concatenate(points)).double()
         self.x, self.frames = torch.from_numpy(np.concatenate(x)), torch.from_numpy(np.concatenate(frames))
 

@@ -174,7 +174,7 @@ def _fixed_threads() -> Iterator[None]:
 
 
 def _learning_rates(config: MineConfig, num_warm_up: int) -> Iterator[float]:
-    """Alg. 1's scheduler of the pose's learning rate: zero while theta warms up, then a falling cosine."""
+    """Make Alg. 1's scheduler of the pose's learning rate: zero while theta warms up, then a falling cosine."""
     yield from [0.0] * num_warm_up
     for step in range(config.steps_per_level):
         cosine = 0.5 * (1.0 + math.cos(math.pi * step / config.steps_per_level))

@@ -172,13 +172,13 @@ class MutualInformation(torch.nn.Module):
 
 
 def _plug_in(x: Tensor, y: Tensor) -> Tensor:
-    """Mutual information of the joint histogram of shares (N, C_x) and (N, C_y)."""
+    """Compute the mutual information of the joint histogram of shares (N, C_x) and (N, C_y)."""
     # The shares of a pixel without a class are zeros, so that a pair weighs as much as its labelled part.
     joint = x.T @ y
     if not joint.sum() > 0.0:
         raise CalibrationError("no overlap: no labelled point lands on a labelled pixel")
     joint = joint / joint.sum()
     independent = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
-    seen = joint > 0.0
-    information: Tensor = (joint[seen] * (joint[seen] / independent[seen]).log()).sum()
+    is_observed = joint > 0.0
+    information: Tensor = (joint[is_observed] * (joint[is_observed] / independent[is_observed]).log()).sum()
     return information

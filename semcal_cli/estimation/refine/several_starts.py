@@ -146,12 +146,12 @@ class SeveralStarts:
         def near_a_maximum(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
             return [end for end in ends if end.mutual_information >= NEAR_A_MAXIMUM * highest]
 
-        ends, given = compared(self.poses), compared(self.given)
+        ends, candidates = compared(self.poses), compared(self.given)
         highest = ends[0].mutual_information
         ends = near_a_maximum(ends)[:NUM_POLISHED]
-        of_given = [*given, *polished(near_a_maximum(given))]
-        needed = max(end.mutual_information for end in of_given)
-        ranked = sorted([*polished(ends), *ends, *of_given], key=lambda end: -end.mutual_information)
+        of_candidates = [*candidates, *polished(near_a_maximum(candidates))]
+        needed = max(end.mutual_information for end in of_candidates)
+        ranked = sorted([*polished(ends), *ends, *of_candidates], key=lambda end: -end.mutual_information)
         best, *others = [maximum for maximum in _distinct(ranked) if maximum.mutual_information >= needed]
         gains = core.information_gains(
             self.observations.core,
@@ -164,7 +164,7 @@ class SeveralStarts:
         return sorted([best, *as_good], key=lambda maximum: self._distance(maximum.T_camera_lidar))
 
     def _distance(self, T_camera_lidar: Pose) -> float:
-        """Distance from the start, relative to the farthest starts."""
+        """Compute the distance from the start, relative to the farthest starts."""
         away, starts = compare_poses(T_camera_lidar, self.given[0]), self.starts
         return max(away.rotation_deg / starts.spread_deg[1], away.camera_center_m / starts.spread_m[1])
 

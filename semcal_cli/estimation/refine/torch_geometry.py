@@ -117,7 +117,7 @@ def _norm(vectors: Tensor) -> Tensor:
 
 
 def _polynomial(points: Tensor, coefficients: Tensor) -> Tensor:
-    """OpenCV's rational polynomial with tangential terms; plumb_bob is the case k4 = k5 = k6 = 0."""
+    """Apply OpenCV's rational polynomial with tangential terms; plumb_bob is the case k4 = k5 = k6 = 0."""
     return _distort(points[:, :2] / points[:, 2:], coefficients)
 
 
@@ -131,7 +131,7 @@ def _distort(xy: Tensor, coefficients: Tensor) -> Tensor:
 
 
 def _thin_prism(points: Tensor, coefficients: Tensor) -> Tensor:
-    """OpenCV's rational polynomial with thin prism and tilted sensor."""
+    """Apply OpenCV's rational polynomial with thin prism and tilted sensor."""
     xy = points[:, :2] / points[:, 2:]
     r2 = (xy * xy).sum(-1, keepdim=True)
     s1, s2, s3, s4 = coefficients[8:12]
@@ -152,7 +152,7 @@ def _tilt(tau: Tensor) -> Tensor:
 
 
 def _fisheye(points: Tensor, coefficients: Tensor) -> Tensor:
-    """Kannala and Brandt's model: the radius is an odd polynomial of the incidence angle."""
+    """Apply Kannala and Brandt's model: the radius is an odd polynomial of the incidence angle."""
     k1, k2, k3, k4 = coefficients
     radius = _norm(points[:, :2])
     angle = torch.atan2(radius, points[:, 2])
@@ -162,7 +162,7 @@ def _fisheye(points: Tensor, coefficients: Tensor) -> Tensor:
 
 
 def _fov(points: Tensor, coefficients: Tensor) -> Tensor:
-    """Devernay and Faugeras's FOV model: r_d = atan(2 r tan(w / 2)) / w."""
+    """Apply Devernay and Faugeras's FOV model: r_d = atan(2 r tan(w / 2)) / w."""
     w = coefficients[0]
     radius = _norm(points[:, :2])
     distorted = torch.atan2(2 * torch.tan(w / 2) * radius, points[:, 2]) / w
@@ -170,13 +170,13 @@ def _fov(points: Tensor, coefficients: Tensor) -> Tensor:
 
 
 def _omnidirectional(points: Tensor, coefficients: Tensor) -> Tensor:
-    """Mei and Rives's model: a unit sphere seen from xi behind its centre."""
+    """Apply Mei and Rives's model: a unit sphere seen from xi behind its centre."""
     depth = points[:, 2] + coefficients[0] * _norm(points)
     return _distort(points[:, :2] / depth[:, None], torch.cat([coefficients[1:], coefficients.new_zeros(4)]))
 
 
 def _double_sphere(points: Tensor, coefficients: Tensor) -> Tensor:
-    """Usenko, Demmel and Cremers's model: two unit spheres, one after the other."""
+    """Apply Usenko, Demmel and Cremers's model: two unit spheres, one after the other."""
     xi, alpha = coefficients[0], coefficients[1]
     shifted = xi * _norm(points) + points[:, 2]
     second = _norm(torch.cat([points[:, :2], shifted[:, None]], 1))
@@ -184,7 +184,7 @@ def _double_sphere(points: Tensor, coefficients: Tensor) -> Tensor:
 
 
 def _equirectangular(points: Tensor, coefficients: Tensor) -> Tensor:
-    """Azimuth, in the turn that begins at the image's left border, and elevation, positive downwards."""
+    """Compute azimuth, in the turn that begins at the image's left border, and elevation, positive downwards."""
     (left,) = coefficients
     x, y, z = points.unbind(1)
     level = _norm(points[:, [0, 2]])

@@ -38,7 +38,7 @@ MAX_PAIRS = 60
 """Largest number of pairs that are used, two images each."""
 MIN_PAIRS = 6
 """Smallest number of pairs whose scatter gives an interval."""
-TURN_SIGMA, WAY_SIGMA, PLACE_SIGMA_M = math.radians(0.05), math.radians(0.2), 0.02
+TURN_SIGMA, DIRECTION_SIGMA, PLACE_SIGMA_M = math.radians(0.05), math.radians(0.2), 0.02
 """Smallest standard deviations of a pair: of its rotation, of the direction of its translation, and of the LiDAR's
 position, which changes the direction of short translations."""
 CAMERA_SIGMA_M = 1.0
@@ -84,7 +84,7 @@ class HandEye(NamedTuple):
     """(6, 6) of a rotation vector on the left of T_camera_lidar, radians, and of the camera's position, metres, LiDAR
     frame."""
     num_pairs: int
-    turned_deg: float
+    turn_deg: float
     """Sum of the rotations of all pairs."""
 
     @property
@@ -97,7 +97,7 @@ class HandEye(NamedTuple):
         """Describe how well the rotation is known, and from what."""
         return (
             f"the motion of camera and LiDAR gives the rotation to +- {self.half_width_deg:.2f} degrees (95 %), from "
-            f"{self.num_pairs} pairs of images that turn by {self.turned_deg:.0f} degrees in all"
+            f"{self.num_pairs} pairs of images that turn by {self.turn_deg:.0f} degrees in all"
         )
 
     @property
@@ -137,21 +137,21 @@ def hand_eye(drive: Drive) -> HandEye | NotDetermined:
         return NotDetermined(missing)
     from semcal_cli.estimation.search.visual_motion import camera_motions
 
-    seen = []
+    usable_pairs = []
     for motion, (_, T_B) in zip(camera_motions(drive, [frames for frames, _ in pairs]), pairs, strict=True):
         if motion is not None:
-            covariance = np.linalg.inv(motion.information) + _least_covariance(T_B)
-            seen.append(Pair(motion.R, motion.direction, motion.across, covariance, T_B))
-    if len(seen) < MIN_PAIRS:
-        matched = f"features match in {len(seen)} of {len(pairs)} pairs of images"
+            covariance = np.linalg.inv(motion.information) + _min_covariance(T_B)
+            usable_pairs.append(Pair(motion.R, motion.direction, motion.across, covariance, T_B))
+    if len(usable_pairs) < MIN_PAIRS:
+        matched = f"features match in {len(usable_pairs)} of {len(pairs)} pairs of images"
         return NotDetermined(f"{matched}, needed {MIN_PAIRS}: give sharp consecutive images")
-    solved = solve(seen)
-    if solved.half_width_deg > MAX_HALF_WIDTH_DEG:
+    solution = solve(usable_pairs)
+    if solution.half_width_deg > MAX_HALF_WIDTH_DEG:
         return NotDetermined(
-            f"{solved.num_pairs} pairs of images determine the rotation only to +- {solved.half_width_deg:.1f} "
+            f"{solution.num_pairs} pairs of images determine the rotation only to +- {solution.half_width_deg:.1f} "
             f"degrees, needed at most {MAX_HALF_WIDTH_DEG:g}: record more turns, and straight driving as well"
         )
-    return solved
+    return solution
 
 
 def choose_pairs(drive: Drive) -> list[tuple[tuple[Frame, Frame], Pose]]:
@@ -181,7 +181,7 @@ def choose_pairs(drive: Drive) -> list[tuple[tuple[Frame, Frame], Pose]]:
         first = first + 1 if end is None else end
     by_turn = sorted(pairs, key=lambda pair: -_turn(pair[1]))
     turning, others = by_turn[: MAX_PAIRS // 2], by_turn[MAX_PAIRS // 2 :]
-    return turning + sorted(others, key=lambda pair: -_way_m(pair[1]))[: MAX_PAIRS - len(turning)]
+    return turning + sorted(others, key=lambda pair: -_distance_m(pair[1]))[: MAX_PAIRS - len(turning)]
 
 
 def solve(pairs: Sequence[Pair]) -> HandEye:
@@ -211,8 +211,8 @@ def solve(pairs: Sequence[Pair]) -> HandEye:
             break
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, -R @ c
-    turned_deg = math.degrees(sum(_turn(pair.T_B) for pair in pairs))
-    return HandEye(T, _inverse(H), len(pairs), turned_deg)
+    turn_deg = math.degrees(sum(_turn(pair.T_B) for pair in pairs))
+    return HandEye(T, _inverse(H), len(pairs), turn_deg)
 
 
 def rotation_between(to: Matrix, source: Matrix, weights: npt.NDArray[np.float64]) -> Matrix:
@@ -232,37 +232,37 @@ def _start(pairs: Sequence[Pair]) -> Matrix:
     """Find the rotation in closed form (Wahba), without the camera's position, from rotations and translations."""
     to, source, sigmas = [], [], []
     for pair in pairs:
-        T, way_m, turn = pair.T_B, _way_m(pair.T_B), _turn(pair.T_B)
+        T, distance_m, turn = pair.T_B, _distance_m(pair.T_B), _turn(pair.T_B)
         to.append(rotation_difference(_posed(pair.R_A), np.eye(4)))
         source.append(rotation_difference(T, np.eye(4)))
         sigmas.append(math.sqrt(float(np.trace(pair.covariance[:3, :3])) / 3.0))
         to.append(pair.direction)
-        source.append(T[:3, 3] / max(way_m, STANDING_M))
-        of_place = turn * CAMERA_SIGMA_M / max(way_m, STANDING_M)
+        source.append(T[:3, 3] / max(distance_m, STANDING_M))
+        of_place = turn * CAMERA_SIGMA_M / max(distance_m, STANDING_M)
         sigmas.append(math.sqrt(float(np.trace(pair.covariance[3:, 3:])) / 2.0 + of_place**2))
-    a, b, known = np.array(to), np.array(source), np.array(sigmas) ** -2.0
-    weights = known
+    a, b, inverse_variances = np.array(to), np.array(source), np.array(sigmas) ** -2.0
+    weights = inverse_variances
     for _ in range(ROUNDS):
         R = rotation_between(a, b, weights)
-        distances = ((a - b @ R.T) ** 2).sum(1) * known
-        weights = known / (1.0 + distances / max(float(np.median(distances)), 1.0))
+        distances = ((a - b @ R.T) ** 2).sum(1) * inverse_variances
+        weights = inverse_variances / (1.0 + distances / max(float(np.median(distances)), 1.0))
     return R
 
 
 def _fit(pair: Pair, R: Matrix, c: Vector) -> tuple[Vector, Matrix]:
     """Compute the errors (5,) of a pair's rotation and direction, and their gradients (5, 6) by R and c."""
     R_B, t_B = pair.T_B[:3, :3], pair.T_B[:3, 3]
-    turned = R @ R_B @ R.T
-    of_turn = rotation_difference(_posed(turned), _posed(pair.R_A))
-    way = R @ (t_B + (R_B - np.eye(3)) @ c)
-    length = max(float(np.linalg.norm(way)), 1e-9)
-    along = way / length
+    rotation = R @ R_B @ R.T
+    of_turn = rotation_difference(_posed(rotation), _posed(pair.R_A))
+    translation = R @ (t_B + (R_B - np.eye(3)) @ c)
+    length = max(float(np.linalg.norm(translation)), 1e-9)
+    along = translation / length
     sideways = pair.across @ along
     # The angle between them rather than its sine, which vanishes for opposite directions.
     sine = float(np.linalg.norm(sideways))
     stretch = math.atan2(sine, float(along @ pair.direction)) / sine if sine > 0.0 else 1.0
     J = np.zeros((5, 6))
-    J[:3, :3] = np.eye(3) - turned
+    J[:3, :3] = np.eye(3) - rotation
     J[3:, :3] = -pair.across @ cross_matrix(along)
     J[3:, 3:] = pair.across @ (np.eye(3) - np.outer(along, along)) @ R @ (R_B - np.eye(3)) / length
     return np.concatenate([of_turn, stretch * sideways]), J
@@ -270,30 +270,30 @@ def _fit(pair: Pair, R: Matrix, c: Vector) -> tuple[Vector, Matrix]:
 
 def _missing(motions: Sequence[Pose]) -> str | None:
     """Describe what LiDAR motions (4, 4) lack to determine the rotation, however well a camera sees them."""
-    turned_deg = math.degrees(sum(map(_turn, motions)))
+    turn_deg = math.degrees(sum(map(_turn, motions)))
     if len(motions) < MIN_PAIRS:
         return f"{len(motions)} pairs of consecutive images are in motion, needed {MIN_PAIRS}"
     H = np.diag([0.0] * 3 + [CAMERA_SIGMA_M**-2] * 3)
     for T in motions:
-        exact = Pair(T[:3, :3], T[:3, 3], _across_of(T), _least_covariance(T), T)
+        exact = Pair(T[:3, :3], T[:3, 3], _across_of(T), _min_covariance(T), T)
         _, J = _fit(exact, np.eye(3), np.zeros(3))
         H += J.T @ np.linalg.inv(exact.covariance) @ J
     if half_width_deg(_inverse(H), len(motions)) <= MAX_HALF_WIDTH_DEG:
         return None
     return (
-        f"the drive has too few turns, {turned_deg:.1f} degrees in {len(motions)} pairs of images: straight driving "
+        f"the drive has too few turns, {turn_deg:.1f} degrees in {len(motions)} pairs of images: straight driving "
         "does not determine the rotation about its direction"
     )
 
 
-def _least_covariance(T: Pose) -> Matrix:
-    of_way = WAY_SIGMA**2 + (PLACE_SIGMA_M / max(_way_m(T), 1e-3)) ** 2
-    return np.diag([TURN_SIGMA**2] * 3 + [of_way] * 2)
+def _min_covariance(T: Pose) -> Matrix:
+    direction_variance = DIRECTION_SIGMA**2 + (PLACE_SIGMA_M / max(_distance_m(T), 1e-3)) ** 2
+    return np.diag([TURN_SIGMA**2] * 3 + [direction_variance] * 2)
 
 
 def _across_of(T: Pose) -> Matrix:
-    way = T[:3, 3] if _way_m(T) > 0.0 else np.eye(3)[0]
-    return np.linalg.svd(way[None])[2][1:]
+    translation = T[:3, 3] if _distance_m(T) > 0.0 else np.eye(3)[0]
+    return np.linalg.svd(translation[None])[2][1:]
 
 
 def _inverse(H: Matrix) -> Matrix:
@@ -314,13 +314,13 @@ def _turn(T: Pose) -> float:
     return float(np.linalg.norm(rotation_difference(T, np.eye(4))))
 
 
-def _way_m(T: Pose) -> float:
+def _distance_m(T: Pose) -> float:
     return float(np.linalg.norm(T[:3, 3]))
 
 
 def _is_enough(T: Pose) -> bool:
-    return math.degrees(_turn(T)) >= ENOUGH_DEG or _way_m(T) >= ENOUGH_M
+    return math.degrees(_turn(T)) >= ENOUGH_DEG or _distance_m(T) >= ENOUGH_M
 
 
 def _moves(T: Pose) -> bool:
-    return math.degrees(_turn(T)) >= STANDING_DEG or _way_m(T) >= STANDING_M
+    return math.degrees(_turn(T)) >= STANDING_DEG or _distance_m(T) >= STANDING_M

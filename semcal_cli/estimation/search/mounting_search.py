@@ -32,7 +32,7 @@ FARTHEST_M = 1.0
 """Maximum distance from a given pose to one that ground and objects lead to. Two classes hardly constrain distances:
 with a 35-degree lens, they led to a pose 2 m away."""
 
-MIN_POINTS_OF_MOST = 0.02
+MIN_POINTS_OF_MAX = 0.02
 """Minimum number of points of a hypothesis, relative to the hypothesis with the most points. Others are dropped."""
 
 
@@ -56,7 +56,7 @@ def search_mountings(
     observations: Observations,
     config: InitializationConfig,
     seed: int,
-    T_given: Pose | None = None,
+    T_start: Pose | None = None,
     is_possible: Callable[[Pose], bool] = lambda T_camera_lidar: True,
 ) -> Initialization:
     """Search all mountings, or those around a given pose (Alg. 2).
@@ -70,7 +70,7 @@ def search_mountings(
         observations: Labelled points and label images.
         config: Settings of the search.
         seed: Seed of every random choice.
-        T_given: (4, 4) T_camera_lidar to start from. The search covers rotations within `config.search_deg` of it, and
+        T_start: (4, 4) T_camera_lidar to start from. The search covers rotations within `config.search_deg` of it, and
             the spherical images are centred at its camera. Without `config.search_deg` nothing is searched, and only
             this pose ascends.
         is_possible: Whether priors allow a pose. Hypotheses that they exclude are left out, unless they exclude all.
@@ -80,13 +80,15 @@ def search_mountings(
         InputError: the points are not in the field of view of the drive's `lidar:` block.
     """
     observations = few_frames(observations, config.max_frames)
-    is_searched = T_given is None or config.search_deg is not None
-    candidates = _candidates(observations, config, seed, T_given)
+    is_searched = T_start is None or config.search_deg is not None
+    candidates = _candidates(observations, config, seed, T_start)
     ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
-    kept = [(each, agreement) for each, agreement in ranked if is_possible(each.T_camera_lidar)] or ranked
+    kept = [
+        (candidate, agreement) for candidate, agreement in ranked if is_possible(candidate.T_camera_lidar)
+    ] or ranked
     best, agreement_of_best = kept[0]
     T_best = best.T_camera_lidar
-    hypotheses = tuple(describe(each, agreement, T_best) for each, agreement in kept)
+    hypotheses = tuple(describe(candidate, agreement, T_best) for candidate, agreement in kept)
     other = runner_up(hypotheses, config.runner_up_deg)
     margin = None if other is None else hypotheses[0].margin(other)
     return Initialization(
@@ -98,36 +100,36 @@ def search_mountings(
         hypotheses=hypotheses,
         runner_up_margin=margin,
         runner_up=other,
-        is_exhaustive=T_given is None and len(kept) == len(ranked),
+        is_exhaustive=T_start is None and len(kept) == len(ranked),
     )
 
 
 def _candidates(
-    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None
+    observations: Observations, config: InitializationConfig, seed: int, T_start: Pose | None
 ) -> list[Candidate]:
     """Find poses to rank: by a registration, or by an ascent from a given pose without a search around it."""
-    if T_given is not None and config.search_deg is None:
-        return _align_given(observations, Candidate(T_given), config, seed)
+    if T_start is not None and config.search_deg is None:
+        return _align_from_start(observations, Candidate(T_start), config, seed)
     counts = np.sum(
-        [np.bincount(each.classes, minlength=NO_CLASS + 1) for each in observations.clouds], axis=0
+        [np.bincount(cloud.classes, minlength=NO_CLASS + 1) for cloud in observations.clouds], axis=0
     )
     # With points of one class, no placement of the image is better than another.
-    if len(found := np.flatnonzero(counts[:NO_CLASS]).tolist()) < 2:
-        of_what = "".join(f"only {observations.point_class_names[index]}" for index in found) or "no class"
+    if len(classes := np.flatnonzero(counts[:NO_CLASS]).tolist()) < 2:
+        of_what = "".join(f"only {observations.point_class_names[index]}" for index in classes) or "no class"
         raise CalibrationError(f"no initial calibration: found points of {of_what}, needed two classes")
-    around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
+    around = None if T_start is None else (T_start, math.radians(config.search_deg or 0.0))
     return _align(observations, register(observations, config, seed, around), config, seed)
 
 
-def unsearched(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
+def unsearched(observations: Observations, T_start: Pose, config: InitializationConfig) -> Initialization:
     """Take a given pose (4, 4) unchanged, for cues whose refinement starts from several poses around it."""
-    agreement = core.agreement(observations.core, T_given)
+    agreement = core.agreement(observations.core, T_start)
     return Initialization(
-        T_camera_lidar=T_given,
+        T_camera_lidar=T_start,
         agreement=agreement,
         settings=recorded(config, observations),
         note=GIVEN,
-        hypotheses=(describe(Candidate(T_given), agreement, T_given),),
+        hypotheses=(describe(Candidate(T_start), agreement, T_start),),
         runner_up_margin=None,
     )
 
@@ -154,8 +156,10 @@ def _rank(
     observations: Observations, candidates: Sequence[Candidate], min_overlap: float
 ) -> list[tuple[Candidate, core.Agreement]]:
     """Rank candidates by the exact mutual information at full resolution, less its bias."""
-    scored = [(each, core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
-    covering = [(each, agreement) for each, agreement in scored if agreement.overlap >= min_overlap]
+    scored = [
+        (candidate, core.agreement(observations.core, candidate.T_camera_lidar)) for candidate in candidates
+    ]
+    covering = [(candidate, agreement) for candidate, agreement in scored if agreement.overlap >= min_overlap]
     return sorted(covering or scored, key=lambda pair: pair[1].bias - pair[1].mutual_information)
 
 
@@ -166,30 +170,30 @@ def recorded(config: InitializationConfig, observations: Observations) -> dict[s
     return {"initialization": settings}
 
 
-def _align_given(
-    observations: Observations, given: Candidate, config: InitializationConfig, seed: int
+def _align_from_start(
+    observations: Observations, start: Candidate, config: InitializationConfig, seed: int
 ) -> list[Candidate]:
     """Ascend from a given pose with the levels for a far start and those for a near one, and keep the pose itself.
 
     The exact mutual information ranks the three later. If the two ascents end apart, at least one has not found the
     optimum, and the directions around the pose are searched as well.
     """
-    candidates = [given]
+    candidates = [start]
     for blocks_across in (config.alignment.blocks_across_given, config.alignment.blocks_across_near):
         levels = replace(config.alignment, blocks_across=blocks_across, num_kept=(1,) * len(blocks_across))
-        candidates += _align(observations, [given], replace(config, alignment=levels), seed)
+        candidates += _align(observations, [start], replace(config, alignment=levels), seed)
     _, *ascended = candidates
     if _angle_deg(ascended[0], ascended[-1]) > config.meeting_deg:
-        around = given.T_camera_lidar, math.radians(config.around_given_deg)
+        around = start.T_camera_lidar, math.radians(config.around_given_deg)
         with suppress(CalibrationError):
             candidates += _align(observations, register(observations, config, seed, around), config, seed)
     if not observations.by_classes:
         return candidates
-    T_given = given.T_camera_lidar
+    T_start = start.T_camera_lidar
     return [
         candidate
         for candidate in candidates
-        if compare_poses(candidate.T_camera_lidar, T_given).camera_center_m <= FARTHEST_M
+        if compare_poses(candidate.T_camera_lidar, T_start).camera_center_m <= FARTHEST_M
     ]
 
 
@@ -203,22 +207,22 @@ def _align(
     """
     levels = config.alignment
     # Blocks this coarse have no edge band, whatever its width at pixels.
-    seen = observations.without_edge_band.core
+    without_band = observations.without_edge_band.core
     width, height = observations.camera.width, observations.camera.height
     for blocks_across, num_kept in zip(levels.blocks_across, levels.num_kept, strict=True):
         aligned = core.align(
-            seen,
+            without_band,
             [candidate.T_camera_lidar for candidate in candidates],
             levels,
             factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),
             visible_only=False,
             seed=seed,
         )
-        most = max(end.num_points for end in aligned)
+        max_points = max(end.num_points for end in aligned)
         ranked = sorted(
             (-end.mutual_information, index)
             for index, end in enumerate(aligned)
-            if end.num_points >= MIN_POINTS_OF_MOST * most
+            if end.num_points >= MIN_POINTS_OF_MAX * max_points
         )
         moved = [
             replace(candidates[index], T_camera_lidar=aligned[index].T_camera_lidar) for _, index in ranked
@@ -237,9 +241,9 @@ def _best_apart(ranked: Sequence[Candidate], num_kept: int, config: Initializati
         if all(_angle_deg(candidate, better) > config.alignment.same_deg for better in apart):
             apart.append(candidate)
     kept, others = apart[:num_kept], apart[num_kept:]
-    for least_deg in (FAR_RUNNER_UPS * config.runner_up_deg, config.runner_up_deg):
-        if all(_angle_deg(candidate, apart[0]) < least_deg for candidate in kept):
-            kept += [candidate for candidate in others if _angle_deg(candidate, apart[0]) >= least_deg][:1]
+    for min_deg in (FAR_RUNNER_UPS * config.runner_up_deg, config.runner_up_deg):
+        if all(_angle_deg(candidate, apart[0]) < min_deg for candidate in kept):
+            kept += [candidate for candidate in others if _angle_deg(candidate, apart[0]) >= min_deg][:1]
     return kept
 
 

@@ -131,14 +131,14 @@ def _solve_pinhole(
 def _views(rays: Rays, config: PnpConfig) -> Iterator[npt.NDArray[np.float64]]:
     """Yield R_virtual_camera (3, 3) of cameras, each looking at the most rays that no previous camera has seen."""
     directions = rays[:: -(-len(rays) // NUM_DIRECTIONS) or 1]
-    seen = rays @ directions.T > VIRTUAL_MIN_DEPTH
+    is_in_view = rays @ directions.T > VIRTUAL_MIN_DEPTH
     for _ in range(MAX_VIEWS):
-        num_seen = seen.sum(0)
-        if not num_seen.size or num_seen.max() < config.min_inliers:
+        num_in_view = is_in_view.sum(0)
+        if not num_in_view.size or num_in_view.max() < config.min_inliers:
             return
-        chosen = seen[:, np.argmax(num_seen)].copy()
+        chosen = is_in_view[:, np.argmax(num_in_view)].copy()
         yield _looking_along(rays[chosen].mean(0))
-        seen[chosen] = False
+        is_in_view[chosen] = False
 
 
 def _looking_along(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

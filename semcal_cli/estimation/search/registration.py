@@ -76,10 +76,10 @@ def register(
 
     # OpenCV solves each problem on one core.
     with thread_pool() as pool:
-        solved = list(pool.map(solve, placements, samples))
-    candidates = [answer for answer in solved if isinstance(answer, Candidate)]
+        answers = list(pool.map(solve, placements, samples))
+    candidates = [answer for answer in answers if isinstance(answer, Candidate)]
     if not candidates:
-        failure = solved[-1] if solved else "no placement of the image"
+        failure = answers[-1] if answers else "no placement of the image"
         raise CalibrationError(f"no initial calibration: {failure}")
     return candidates
 
@@ -96,9 +96,9 @@ def _grid(observations: Observations) -> core.Grid:
     outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
     if outside > MAX_SHARE_OUTSIDE:
         low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
-        share, most = format_against_limit(outside, MAX_SHARE_OUTSIDE, unit="%")
+        share, maximum = format_against_limit(outside, MAX_SHARE_OUTSIDE, unit="%")
         raise InputError(
             f"lidar.fov_down_deg, lidar.fov_up_deg: found {share} of the points outside, needed at most "
-            f"{most}; the points are from {low:.1f} to {high:.1f} degrees"
+            f"{maximum}; the points are from {low:.1f} to {high:.1f} degrees"
         )
     return grid

@@ -44,6 +44,6 @@ def start_by_motion(
     if isinstance(by_motion, NotDetermined):
         none = "the motion of camera and LiDAR gives no start"
         raise InputError(f"{drive.path}: {needed_start(cues, drive)}; {none}: {by_motion.why}")
-    given = unsearched(observations, by_motion.T_camera_lidar, config)
-    settings = {**given.settings, "hand_eye": by_motion.record}
-    return replace(given, note=by_motion.sentence, settings=settings, by_motion=by_motion)
+    initial = unsearched(observations, by_motion.T_camera_lidar, config)
+    settings = {**initial.settings, "hand_eye": by_motion.record}
+    return replace(initial, note=by_motion.sentence, settings=settings, by_motion=by_motion)

@@ -97,15 +97,15 @@ def refined(first: Rays, second: Rays, R: Matrix, direction: Vector, sigma: floa
         sigma: Smallest standard deviation of a ray, radians.
     """
     for _ in range(ROUNDS):
-        turned, basis = second @ R.T, across(direction)
-        by_first, by_second = np.cross(direction, turned), np.cross(first, direction)
+        rotated, basis = second @ R.T, across(direction)
+        by_first, by_second = np.cross(direction, rotated), np.cross(first, direction)
         epipolar = np.einsum("ni,ni->n", first, by_first)
         slope = np.sqrt(
             np.maximum((by_first**2).sum(1) + (by_second**2).sum(1) - 2.0 * epipolar**2, MIN_SINE**2)
         )
         errors = epipolar / slope
-        by_turn, by_way = np.cross(turned, by_second), np.cross(turned, first) @ basis.T
-        slopes = np.concatenate([by_turn, by_way], 1) / slope[:, None]
+        by_turn, by_direction = np.cross(rotated, by_second), np.cross(rotated, first) @ basis.T
+        slopes = np.concatenate([by_turn, by_direction], 1) / slope[:, None]
         scatter = max(1.4826 * float(np.median(np.abs(errors))), sigma)
         weights = 1.0 / (1.0 + (errors / scatter) ** 2) / scatter**2
         # Without translation the direction is undetermined: a prior of one radian keeps it finite.
@@ -121,9 +121,9 @@ def refined(first: Rays, second: Rays, R: Matrix, direction: Vector, sigma: floa
 def across(direction: Vector) -> Matrix:
     """Return two unit vectors (2, 3) perpendicular to a unit vector (3,), always the same for the same vector."""
     axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    one = np.cross(direction, axis)
-    one /= np.linalg.norm(one)
-    return np.stack([one, np.cross(direction, one)])
+    first = np.cross(direction, axis)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(direction, first)])
 
 
 def _features(camera: Camera, image: npt.NDArray[np.uint8]) -> _Features:
@@ -137,8 +137,8 @@ def _features(camera: Camera, image: npt.NDArray[np.uint8]) -> _Features:
         return _Features(np.empty((0, 3)), np.empty((0, 128), np.float32))
     pixels = (np.array([keypoint.pt for keypoint in keypoints]) + 0.5) * scale - 0.5
     rays = core_camera(camera).unproject(np.ascontiguousarray(pixels))
-    is_seen = rays[:, 2] > MIN_Z  # False for NaN, where the lens does not reach.
-    return _Features(rays[is_seen], descriptors[is_seen])
+    is_in_view = rays[:, 2] > MIN_Z  # False for NaN, where the lens does not reach.
+    return _Features(rays[is_in_view], descriptors[is_in_view])
 
 
 def _motion(camera: Camera, first: _Features, second: _Features) -> CameraMotion | None:

@@ -81,10 +81,10 @@ class FrameScores:
 
     def splits(self) -> Vectors:
         """Compute the squared length (F - 1,) of the sum of the first 1, 2, ... scores, in its standard errors."""
-        sums, known = np.cumsum(self.scores, axis=0), np.cumsum(self.covariances, axis=0)
-        before = known[:-1]
+        sums, covariances = np.cumsum(self.scores, axis=0), np.cumsum(self.covariances, axis=0)
+        before = covariances[:-1]
         # The scores of all frames add up to zero, so the sum of the first is that of a bridge.
-        return _squared(sums[:-1], before - before @ np.linalg.solve(known[-1], before))
+        return _squared(sums[:-1], before - before @ np.linalg.solve(covariances[-1], before))
 
 
 def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int) -> FrameScores | None:
@@ -126,5 +126,5 @@ def _has_full_rank(covariance: Vectors) -> bool:
 
 
 def _squared(vectors: Vectors, covariances: Matrices) -> Vectors:
-    solved = np.linalg.solve(covariances, vectors[..., None])[..., 0]
-    return np.asarray(np.einsum("fi,fi->f", vectors, solved))
+    solutions = np.linalg.solve(covariances, vectors[..., None])[..., 0]
+    return np.asarray(np.einsum("fi,fi->f", vectors, solutions))

@@ -113,8 +113,8 @@ def information_by_frame(joints: Numbers, table: Numbers) -> Numbers:
 def pointwise_information(joint: Numbers) -> Numbers:
     """Compute the pointwise mutual information of a histogram (X, Y), nats; zero for pairs that were never seen."""
     expected = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
-    seen = joint > 0.0
-    ratio = np.divide(joint, expected, out=np.ones_like(joint), where=seen)
+    is_observed = joint > 0.0
+    ratio = np.divide(joint, expected, out=np.ones_like(joint), where=is_observed)
     return np.asarray(np.log(ratio))
 
 

@@ -80,7 +80,7 @@ def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:
     assumed = default_sigma(camera)
     moved = np.abs(shift[:, :4]) * [assumed.fx, assumed.fy, assumed.cx, assumed.cy]
     changes = [
-        PoseChange(camera_center_m=each[:3].tolist(), rotation_deg=np.degrees(each[3:]).tolist())
-        for each in moved.T
+        PoseChange(camera_center_m=change[:3].tolist(), rotation_deg=np.degrees(change[3:]).tolist())
+        for change in moved.T
     ]
     return IntrinsicsCost(**dict(zip(INTRINSICS, changes, strict=False)))

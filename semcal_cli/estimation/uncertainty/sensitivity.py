@@ -14,7 +14,7 @@ from semcal_cli.config import SensitivityConfig
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.observations.observations import Observations
 
-MOST_LEVERAGE = 0.75
+MAX_LEVERAGE = 0.75
 """Largest fraction of the curvature along a direction that counts as one class's, so that the pull of a class counts at
 most four times. On 18 drives whose classes' borders are off in all frames alike, 88 to 91 % of the axes were inside
 with three, four or ten times."""
@@ -70,9 +70,9 @@ class Scatter(NamedTuple):
         """
         of_squares, of_classes = np.diag(self.of_squares), np.diag(self.of_classes)
         by_square = _effective_number(self.squares, self.num_alike)
-        most = max(float(np.count_nonzero(self.classes.any(axis=1))) - 1.0, 1.0)
+        max_freedom = max(float(np.count_nonzero(self.classes.any(axis=1))) - 1.0, 1.0)
         num_classes = _effective_number(self.classes, np.ones(len(self.classes)))
-        by_class = num_classes.clip(min(MIN_CLASSES, most), most)
+        by_class = num_classes.clip(min(MIN_CLASSES, max_freedom), max_freedom)
         spread = of_squares**2 / by_square + (self.classes**2).sum(axis=0) ** 2 / by_class
         freedom = (of_squares + of_classes) ** 2 / np.maximum(spread, np.finfo(float).tiny)
         return np.asarray(np.maximum(freedom, np.minimum(by_square, by_class)))
@@ -152,7 +152,7 @@ class Sensitivity:
         return np.asarray(weights * (by_square - by_square.mean(axis=0)) * np.sqrt(count / (count - 1)))
 
     def _scores_without_class(self) -> Matrix:
-        """Scores (parts, n) that move the optimum as far as leaving out the class of each part would.
+        """Compute scores (parts, n) that move the optimum as far as leaving out the class of each part would.
 
         With the curvature `H` and the share `H_k` of a class, `(H - H_k)^-1 s = H^-1 s_k` for `s_k = H (H - H_k)^-1 s`.
         That takes the gradient at the optimum, with that of what was known before, as nothing.
@@ -164,7 +164,7 @@ class Sensitivity:
         scores = self.scores.copy()
         for index, curvature in enumerate(self.class_curvatures):
             leverages, axes = np.linalg.eigh(basis.T @ curvature @ basis)
-            more = 1.0 / (1.0 - np.clip(leverages, 0.0, MOST_LEVERAGE)) - 1.0
+            more = 1.0 / (1.0 - np.clip(leverages, 0.0, MAX_LEVERAGE)) - 1.0
             of_class = self.classes == index
             scores[of_class] += self.scores[of_class] @ (basis @ (axes * more) @ axes.T @ back.T)
         return scores
@@ -187,9 +187,9 @@ def bending(curvature: Matrix, motions: Matrix) -> tuple[Matrix, Matrix, Matrix]
     return scale, bends[falls], directions[:, falls]
 
 
-def squares_of(found: core.Sensitivity) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.intp]]:
+def squares_of(around: core.Sensitivity) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.intp]]:
     """List the squares (squares, 3), frame, row and column, and the number (parts,) of the square of each part."""
-    squares, places = np.unique(found.parts[:, :3], axis=0, return_inverse=True)
+    squares, places = np.unique(around.parts[:, :3], axis=0, return_inverse=True)
     return squares, places
 
 
@@ -283,9 +283,9 @@ class Measurement(NamedTuple):
         scale = np.sqrt(np.diag(self.covariance))
         scale = np.where(scale > 0.0, scale, np.inf)
         spreads, directions = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        is_known = spreads > MIN_SPREAD
-        basis = directions[:, is_known] / scale[:, None]
-        return np.asarray(basis / spreads[is_known] @ basis.T)
+        is_measured = spreads > MIN_SPREAD
+        basis = directions[:, is_measured] / scale[:, None]
+        return np.asarray(basis / spreads[is_measured] @ basis.T)
 
     def degrees_of_freedom(self, covariance: Matrix) -> npt.NDArray[np.float64]:
         """Compute Satterthwaite's degrees of freedom (n,) of a covariance (n, n) to which labels contribute.
@@ -302,8 +302,8 @@ class Measurement(NamedTuple):
 
 def sum_of(*parts: Matrix | None) -> Matrix | None:
     """Add covariances (n, n) of independent errors; None if there are none."""
-    known = [part for part in parts if part is not None]
-    return np.asarray(np.sum(known, axis=0)) if known else None
+    covariances = [part for part in parts if part is not None]
+    return np.asarray(np.sum(covariances, axis=0)) if covariances else None
 
 
 def no_information(count: int) -> Measurement:

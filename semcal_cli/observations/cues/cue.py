@@ -35,7 +35,7 @@ class Cue:
     starts: StartsConfig | None = None
     """Starts from which a pose is refined, if the information has many maxima; None if one start is enough."""
     can_find_mounting: bool = True
-    """Whether mounting directions can be told apart; otherwise the cue only works near the right pose."""
+    """Whether mounting directions can be distinguished; otherwise the cue only works near the right pose."""
     finds_mounting_alone: bool = False
     """Whether mountings are searched for by this cue alone beside one that is coarse or cannot find them. If such a cue
     needs no several starts, its maximum is the right one, and it refines the pose from afar."""

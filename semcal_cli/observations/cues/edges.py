@@ -57,10 +57,10 @@ class EdgesConfig:
     blur_rays: float = 0.5
     """Standard deviation of the blur of an image before and after its gradient is taken, in angles between
     neighbouring rays: a step lies anywhere between two rays."""
-    most_blur_across_deg: float = 0.1
+    max_blur_across_deg: float = 0.1
     """Largest standard deviation of the blur across the scans, degrees: a step is where its ring is, and a blur of a
-    coarse LiDAR's rays moves the top downwards (tests/benchmarks/hand_eye.py)."""
-    least_blur_px: float = 0.7
+    coarse LiDAR's rays moves the upper edge downwards (tests/benchmarks/hand_eye.py)."""
+    min_blur_px: float = 0.7
     """Smallest standard deviation of the blur, pixels."""
     surroundings_deg: float = 6.0
     """Standard deviation of the window over which the mean of the gradients is taken."""
@@ -91,15 +91,15 @@ def observe_edges(
         raise CalibrationError(
             f"{drive.path}: found no rays within 1.1 degrees of each other along the scans"
         )
-    seen = lens_mask(drive.camera)
+    mask = lens_mask(drive.camera)
     blur_px = max(
-        config.blur_rays * edges.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
+        config.blur_rays * edges.spacing * core_camera(drive.camera).pixels_per_radian, config.min_blur_px
     )
 
     def levels_of(frame: Frame) -> ClassIds:
         grey = grey_values(drive, frame)
         with name_in_errors(drive.resolve(str(frame.image))):
-            return _levels(drive.camera, grey, seen, blur_px, config)
+            return _levels(drive.camera, grey, mask, blur_px, config)
 
     with thread_pool() as pool:
         images = list(pool.map(levels_of, drive.frames))
@@ -133,10 +133,10 @@ class SweepEdges(NamedTuple):
 
 def edges_of_sweeps(clouds: Sequence[SweepCloud], config: EdgesConfig = EDGES) -> SweepEdges:
     """Find the edges of sweeps, in the order of the scan."""
-    given = [cloud.intensity for cloud in clouds]
-    known = [np.nan_to_num(values.astype(np.float32)) for values in given if values is not None]
-    has_intensity = len(known) == len(clouds)
-    intensities = known if has_intensity else [None] * len(clouds)
+    of_clouds = [cloud.intensity for cloud in clouds]
+    columns = [np.nan_to_num(values.astype(np.float32)) for values in of_clouds if values is not None]
+    has_intensity = len(columns) == len(clouds)
+    intensities = columns if has_intensity else [None] * len(clouds)
     steps = core.edge_steps([cloud.points for cloud in clouds], intensities, config.same_surface_m)
     limits: list[float] = []
     if has_intensity:
@@ -178,10 +178,10 @@ def _classes(cloud: SweepCloud, steps: core.Steps, limits: Sequence[float], conf
 
 
 def _levels(
-    camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, blur_px: float, config: EdgesConfig
+    camera: Camera, grey: npt.NDArray[np.float64], mask: Mask, blur_px: float, config: EdgesConfig
 ) -> ClassIds:
     """Compute the level (H, W) of the left-to-right gradient of grey values (H, W), relative to its surroundings."""
-    strength, is_inside = gradients(camera, grey, seen, blur_px, config)
+    strength, is_inside = gradients(camera, grey, mask, blur_px, config)
     if not is_inside.any():
         raise CalibrationError(
             "found no pixel that is inside the lens and far enough from its border, needed image gradients"
@@ -192,14 +192,14 @@ def _levels(
 
 
 def gradients(
-    camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, blur_px: float, config: EdgesConfig
+    camera: Camera, grey: npt.NDArray[np.float64], mask: Mask, blur_px: float, config: EdgesConfig
 ) -> tuple[Values, Mask]:
     """Compute the left-to-right gradients of an image, relative to their mean in the surroundings.
 
     Args:
         camera: The camera, whose lens converts angles to pixels.
         grey: (H, W) grey values, 0 to 255.
-        seen: (H, W) pixels that the lens reaches.
+        mask: (H, W) pixels that the lens reaches.
         blur_px: Standard deviation of the blur before and after the gradient is taken; smaller from top to bottom
             where it is more than the config allows.
         config: Settings of the cue.
@@ -207,12 +207,12 @@ def gradients(
     Returns:
         Strength of the gradient (H, W), and whether (H, W) the lens reaches all pixels that it comes from.
     """
-    across_px = math.radians(config.most_blur_across_deg) * core_camera(camera).pixels_per_radian
-    across_px = max(min(blur_px, across_px), config.least_blur_px)
+    across_px = math.radians(config.max_blur_across_deg) * core_camera(camera).pixels_per_radian
+    across_px = max(min(blur_px, across_px), config.min_blur_px)
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px, sigmaY=across_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
     # The border of the image is not a border of the lens.
-    padded = np.pad(seen.astype(np.uint8), 1, mode="edge")
+    padded = np.pad(mask.astype(np.uint8), 1, mode="edge")
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
     strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside
     mean_around = surroundings(camera, config.surroundings_deg)

@@ -73,11 +73,11 @@ def observe_intensity(
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
-    seen = lens_mask(drive.camera)
+    mask = lens_mask(drive.camera)
 
     def pixels_of(frame: Frame) -> Numbers:
         grey = grey_values(drive, frame)
-        return grey if is_raw else _contrast_of_pixels(drive.camera, grey, seen, config)
+        return grey if is_raw else _contrast_of_pixels(drive.camera, grey, mask, config)
 
     def points_of(frame: Frame, cloud: SweepCloud, points: npt.NDArray[np.float32]) -> Numbers:
         intensities = _intensity(drive, frame, cloud)
@@ -88,12 +88,12 @@ def observe_intensity(
         of_points = list(pool.map(points_of, drive.frames, clouds, [sweep.points for sweep in moved]))
     point_limits = _limits(drive, "intensity", np.concatenate(of_points), config)
     # Each image has its own exposure, unless it is raw; the sensor's intensity has a single scale.
-    seen_pixels = [image[seen] for image in of_pixels]
-    compared = [np.concatenate(seen_pixels)] * len(of_pixels) if is_raw else seen_pixels
+    pixels = [image[mask] for image in of_pixels]
+    compared = [np.concatenate(pixels)] * len(of_pixels) if is_raw else pixels
     images = []
     for image, values in zip(of_pixels, compared, strict=True):
         levels = np.digitize(image, _limits(drive, "grey", values, config))
-        classes = np.where(seen, levels, NO_CLASS).astype(np.uint8)
+        classes = np.where(mask, levels, NO_CLASS).astype(np.uint8)
         # Certain, but as shares: levels have no borders whose pixels are in doubt.
         images.append(LabelledImage(classes, None if is_raw else core.ClassShares.certain(classes.ravel())))
     labelled = [
@@ -115,8 +115,8 @@ def observe_intensity(
 
 def _standardized(values: Sequence[Numbers]) -> list[npt.NDArray[np.float16]]:
     """Scale the values of all frames to zero mean and unit variance, each as a vector of one channel."""
-    joined = np.concatenate([of_frame.ravel() for of_frame in values])
-    mean, spread = joined.mean(), joined.std()
+    pooled = np.concatenate([of_frame.ravel() for of_frame in values])
+    mean, spread = pooled.mean(), pooled.std()
     return [((of_frame - mean) / spread)[..., None].astype(np.float16) for of_frame in values]
 
 
@@ -161,14 +161,14 @@ def surroundings(camera: Camera, sigma_deg: float) -> Callable[[npt.NDArray[Any]
 
 
 def _contrast_of_pixels(
-    camera: Camera, grey: Numbers, seen: npt.NDArray[np.bool_], config: IntensityConfig
+    camera: Camera, grey: Numbers, mask: npt.NDArray[np.bool_], config: IntensityConfig
 ) -> Numbers:
     """Compute the contrast of grey values (H, W) relative to their surroundings."""
     blur = surroundings(camera, config.surroundings_deg)
-    weights = blur(seen).astype(np.float64)
-    grey = np.where(seen, grey, 0.0)
+    weights = blur(mask).astype(np.float64)
+    grey = np.where(mask, grey, 0.0)
     sums, squares = blur(grey).astype(np.float64), blur(grey**2).astype(np.float64)
-    return _contrast(grey, weights, sums, squares, float(grey[seen].std()))
+    return _contrast(grey, weights, sums, squares, float(grey[mask].std()))
 
 
 def _contrast_of_points(points: npt.NDArray[np.float32], values: Numbers, config: IntensityConfig) -> Numbers:

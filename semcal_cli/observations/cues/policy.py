@@ -55,7 +55,7 @@ class Policy:
 
     @property
     def can_find_mounting(self) -> bool:
-        """Whether mounting directions can be told apart; edges alone only work near the right pose."""
+        """Whether mounting directions can be distinguished; edges alone only work near the right pose."""
         return not self.near_only or any(cue.finds_mounting_alone for cue in self.cues.values())
 
     @property
@@ -82,7 +82,7 @@ class Policy:
         return sure or self.cues
 
     def weight(self, name: CueName) -> float:
-        """Weight of a cue's points when a pose is refined."""
+        """Return the weight of a cue's points when a pose is refined."""
         is_beside_local = any(cue.is_local for other, cue in self.cues.items() if other != name)
         return self.cues[name].weight_beside_local if is_beside_local else 1.0
 
