@@ -93,7 +93,8 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
             moved_m = np.linalg.norm(change.camera_center_m)
             turned_deg = np.linalg.norm(change.rotation_deg)
             by = "each pixel" if name.startswith("c") else f"each {DEFAULT_FOCAL_SIGMA:.1%}"
-            sentence += f"; {by} of error in {name} moves the pose by {100.0 * moved_m:.2f} cm and {turned_deg:.3f} degrees"
+            moved = f"{100.0 * moved_m:.2f} cm and {turned_deg:.3f} degrees"
+            sentence += f"; {by} of error in {name} moves the pose by {moved}"
         notes.append(sentence)
     if cost is None and sigma_of(camera) != IntrinsicsSigma():
         notes.append("the interval does not include errors of K, because their effect could not be computed")

@@ -6,10 +6,10 @@ from semcal_cli.pipeline.calibration import (
     estimate_jointly as estimate_jointly,
     fuse as fuse,
     initialize as initialize,
-    make_calibration as make_calibration,
     polish as polish,
     refine as refine,
     refine_and_polish as refine_and_polish,
     repeat as repeat,
     start_at as start_at,
 )
+from semcal_cli.pipeline.conclusion import make_calibration as make_calibration

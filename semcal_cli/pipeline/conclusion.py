@@ -1,0 +1,67 @@
+"""The conclusion of a calibration: its document, and whether it is trusted."""
+
+from __future__ import annotations
+
+from pydantic_core import to_jsonable_python
+
+from semcal_cli.config import (
+    CalibrationConfig,
+)
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.search.mounting import Mounting
+from semcal_cli.observations.cues.cue_table import files_of, recorded_options
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.pipeline.assessment import assess as assess
+from semcal_cli.pipeline.stages import Stages
+from semcal_cli.result.calibration_document import CalibrationDocument
+from semcal_cli.result.provenance import describe_input, versions
+from semcal_cli.result.sections import Hypothesis, Settings
+
+
+def make_calibration(
+    data: LoadedDrive,
+    stages: Stages,
+    config: CalibrationConfig,
+    *,
+    initial_pose: InitialPose | None = None,
+) -> CalibrationDocument:
+    """Make the calibration from the last pose, without the hashes of its files; arguments are those of `calibrate`.
+
+    It is trusted if it was assessed and nothing speaks against it.
+
+    Raises:
+        CalibrationError: the pose is not finite or not rigid.
+    """
+    findings, assessment, joint = stages.findings, stages.assessment, stages.joint
+    options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
+    if initial_pose is not None and initial_pose.source is None:
+        options["given"] = initial_pose.name
+    if initial_pose is not None and initial_pose.direction is not None:
+        options["init_direction"] = initial_pose.direction
+    options |= stages.settings
+    if stages.repeatability is not None:
+        options["num_seeds"] = stages.repeatability.num_seeds
+    settings = {"options": to_jsonable_python(options), "seed": config.seed, "versions": versions()}
+    return CalibrationDocument.from_pose(
+        stages.T_camera_lidar,
+        status="not_trusted" if findings else "not_assessed" if assessment is None else "trusted",
+        reasons=tuple(finding.sentence for finding in findings),
+        topics=tuple(finding.topic for finding in findings),
+        notes=stages.notes,
+        parts=() if assessment is None else assessment.parts,
+        quality=stages.quality(len(data.drive.frames)),
+        stages=stages.records,
+        uncertainty=stages.uncertainty,
+        repeatability=stages.repeatability,
+        camera=None if joint is None else joint.camera,
+        clock=None if joint is None else joint.clock,
+        polish=None if stages.polished is None else stages.polished.held_out,
+        hypotheses=() if stages.searched is None else tuple(map(_hypothesis, stages.searched.hypotheses)),
+        input=describe_input(data.drive, files_of(data.cues)),
+        settings=Settings.model_validate(settings),
+    )
+
+
+def _hypothesis(mounting: Mounting) -> Hypothesis:
+    """Convert a mounting to the section of the result."""
+    return Hypothesis(**vars(mounting) | {"T_camera_lidar": mounting.T_camera_lidar.tolist()})
