@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from semcal_cli import core
 from semcal_cli.checks.baseline import check_baseline
 from semcal_cli.checks.chance import check_chance
@@ -75,9 +73,7 @@ def check_stages(
     return tuple(findings)
 
 
-def check_pose(
-    T_camera_lidar: Pose, agreement: core.Agreement, max_baseline_m: float = math.inf
-) -> tuple[Finding, ...]:
+def check_pose(T_camera_lidar: Pose, agreement: core.Agreement, max_baseline_m: float) -> tuple[Finding, ...]:
     """Check that a pose is not at a limit, shows enough points, and explains more than chance.
 
     Args:

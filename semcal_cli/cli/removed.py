@@ -22,6 +22,10 @@ REMOVED = {
         ("experiment", name): BENCHMARK.format(name)
         for name in ("accuracy", "speed", "trust", "jointly", "gradient")
     },
+    **{
+        (f"experiment {name}", "--into"): BENCHMARK.format("kept_table")
+        for name in ("pairs", "noise", "table")
+    },
 }
 """What to use instead, by the command that had it and its name; that of a value follows its option."""
 
@@ -37,11 +41,19 @@ def explained() -> Iterator[None]:
         yield
     except click.UsageError as error:
         name = _refused(error)
-        command = error.ctx.command.name if error.ctx is not None else None
-        instead = REMOVED.get((str(command), name))
+        instead = REMOVED.get((_command(error.ctx), name))
         if instead is None:
             raise
         raise click.UsageError(f"{name} was removed: {instead}.", error.ctx) from None
+
+
+def _command(context: click.Context | None) -> str:
+    """Name the command of a context with the groups that it is in, or `semcal` itself."""
+    names = list[str]()
+    while context is not None:
+        names.insert(0, str(context.command.name))
+        context = context.parent
+    return " ".join(names[1:] if len(names) > 1 and names[0] == "semcal" else names)
 
 
 def _refused(error: click.UsageError) -> str:

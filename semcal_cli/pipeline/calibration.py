@@ -197,7 +197,6 @@ def refine_and_polish(
         initial,
         refined,
         is_compensated=True,
-        max_baseline_m=data.observations.max_baseline_m,
         of_search=of_search,
     )
     stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)

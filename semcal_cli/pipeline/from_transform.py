@@ -58,9 +58,7 @@ def assess_given(
         raise InputError(f"{data.drive.path}: found features, which have no histogram, needed another cue")
     initial, refinement, T = start_at(data, start, on_event), config.refinement, start.T_camera_lidar
     unrolled = data.unrolled(T)
-    initial_stages = Stages.from_refined(
-        data, initial, None, is_compensated=True, max_baseline_m=data.observations.max_baseline_m
-    )
+    initial_stages = Stages.from_refined(data, initial, None, is_compensated=True)
     stages = replace(
         initial_stages,
         polished=polish(unrolled, T, refinement, on_event),

@@ -72,7 +72,6 @@ def calibrate_as_published(
         initial,
         refined,
         is_compensated=False,
-        max_baseline_m=observations.max_baseline_m,
         of_comparison=of_comparison,
     )
     return make_calibration(data, stages, config, initial_pose=initial_pose)

@@ -82,7 +82,6 @@ class Stages:
         refined: Refinement | None,
         *,
         is_compensated: bool,
-        max_baseline_m: float,
         of_comparison: tuple[Finding, ...] = (),
         of_search: tuple[Finding, ...] = (),
     ) -> Stages:
@@ -93,7 +92,6 @@ class Stages:
             initial: Result of the initial calibration.
             refined: Result of the refinement; None if it was not run.
             is_compensated: Whether the method compensates a rolling shutter where the motion is known.
-            max_baseline_m: Distance between camera and LiDAR at which the pose was held, metres.
             of_comparison: Findings of a comparison of the pose with something else.
             of_search: Findings of the search for the mounting.
         """
@@ -104,7 +102,7 @@ class Stages:
             of_data=of_data,
             notes_on_data=(*data.notes_on_networks, *notes),
             of_comparison=of_comparison,
-            max_baseline_m=max_baseline_m,
+            max_baseline_m=data.observations.max_baseline_m,
             of_search=of_search,
         )
 
