@@ -1,4 +1,4 @@
-"""Data sets: each has a reader that finds a recording in its native tree; `writing` makes a drive of it.
+"""Data sets: each has a reader that finds a recording in its native tree; `drive_folder` writes a drive of it.
 
 This module imports nothing heavy, because the command line lists the data sets from its table.
 """

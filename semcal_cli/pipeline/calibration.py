@@ -1,8 +1,7 @@
 """The stages of a calibration: load, initialize, refine, polish, estimate_jointly, fuse, assess, make_calibration.
 
 Each stage is a function of data and settings. It returns a frozen result with its own quality, and reports its progress
-to a listener. `calibrate` runs all stages; `verification`, `rig` and the experiments call the same
-stages.
+to a listener. `calibrate` runs all stages; `verification`, `many/rig` and the experiments call the same stages.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from semcal_cli.observations.reading import make_observations, read_clouds
 
 
 def observe(drive: Drive, sweeps: SweepCache | None, is_raw: bool) -> Observations:
-    """Give points the classes near and far, and pixels the classes dark and bright."""
+    """Classify points as near or far, and pixels as dark or bright."""
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
     is_far = [np.linalg.norm(cloud.points, axis=1) > 15.0 for cloud in moved]
@@ -30,4 +30,18 @@ STARTS = StartsConfig(
     spread_m=(0.05, 0.2),
     farthest_deg=5.0,
 )
-CUE = Cue(observe=observe, files=("image",), starts=STARTS, can_find_mounting=False, min_scenes=3)
+CUE = Cue(
+    observe=observe,
+    files=("image",),
+    config=None,  # there are no settings
+    starts=STARTS,  # the information has many maxima
+    can_find_mounting=False,  # it works only near the right pose
+    finds_mounting_alone=False,
+    is_coarse=False,  # it refines the pose
+    weight_beside_local=1.0,  # its points count in full
+    min_scenes=3,  # a pose from fewer scenes is not trusted
+    has_point_labels=False,  # near, far, dark and bright are no labels
+    has_image_labels=False,
+    has_partitions=False,
+    has_vectors=False,
+)
