@@ -131,12 +131,8 @@ def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
 
     verdicts: dict[int, Verdict] = {code: verdict for verdict, code in EXIT_CODES.items()}
     cases = [
-        Case(
-            outcome.drive,
-            verdicts.get(outcome.exit_code, "fail"),
-            "; ".join([outcome.status, *outcome.reasons[:1]]),
-        )
-        for outcome in outcomes
+        Case(run.drive, verdicts.get(run.exit_code, "fail"), "; ".join([run.status, *run.reasons[:1]]))
+        for run in outcomes
     ]
     worst = together(case.verdict for case in cases)
     return CiReport(f"batch {settings.command}", str(settings.output), worst, cases)

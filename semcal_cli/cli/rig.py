@@ -95,11 +95,9 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     terminal = settings.terminal()
     terminal.print(*_lines(result_of_rig, result))
     if page is not None:
-        applied = {name: apply_result(cameras.get(name), drive, name).drive for name, drive in drives.items()}
+        used = {name: apply_result(cameras.get(name), drive, name).drive for name, drive in drives.items()}
         with terminal:
-            write_text(
-                rig_page_html(result_of_rig, applied, (str(rig.path), str(result)), terminal.show), page
-            )
+            write_text(rig_page_html(result_of_rig, used, (str(rig.path), str(result)), terminal.show), page)
         terminal.print_paths("report", [page])
     _print_verdict(result_of_rig, terminal)
     if failures:

@@ -280,12 +280,8 @@ class SettingsCommand(click.Command, Generic[Settings]):
         try:
             return ctx.invoke(self.callback, self.settings_in(ctx))
         except MisplacedError as error:
-            needed = [
-                parameter
-                for parameter in self.params
-                if parameter.required or isinstance(parameter, click.Argument)
-            ]
-            if not any(parameter.name == "drive" for parameter in needed):
+            needed = [item for item in self.params if item.required or isinstance(item, click.Argument)]
+            if not any(item.name == "drive" for item in needed):
                 raise
             words = [ctx.command_path]
             for parameter in needed:

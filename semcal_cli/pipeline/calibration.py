@@ -203,20 +203,16 @@ def refine_and_polish(
 
 
 def _finish(
-    unrolled: LoadedDrive,
-    stages: Stages,
-    config: RefinementConfig,
-    priors: Sequence[Prior],
-    on_event: Listener,
+    data: LoadedDrive, stages: Stages, config: RefinementConfig, priors: Sequence[Prior], on_event: Listener
 ) -> Stages:
     """Polish a refined pose, then estimate intrinsics and the clock with it, or fuse it with priors, if requested."""
-    if not _is_polished(unrolled.observations, config):
+    if not _is_polished(data.observations, config):
         return stages
-    polished = polish(unrolled, stages.T_camera_lidar, config, on_event)
+    polished = polish(data, stages.T_camera_lidar, config, on_event)
     stages, T_polished = replace(stages, polished=polished), polished.T_camera_lidar
     if not config.jointly.is_empty:
-        return replace(stages, joint=estimate_jointly(unrolled, T_polished, config, on_event))
-    return replace(stages, fused=fuse(unrolled, T_polished, config, priors, on_event)) if priors else stages
+        return replace(stages, joint=estimate_jointly(data, T_polished, config, on_event))
+    return replace(stages, fused=fuse(data, T_polished, config, priors, on_event)) if priors else stages
 
 
 def _is_polished(observations: Observations, config: RefinementConfig) -> bool:
@@ -287,10 +283,8 @@ def refine(
                 observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
             )
         settings = {"refinement": {**refined.settings, **settings}}
-        of_priors = {"priors": [prior.describe() for prior in priors]} if priors else {}
-        return replace(
-            refined, details=f"{config.estimator}, {refined.details}", settings=settings | of_priors
-        )
+        settings |= {"priors": [prior.describe() for prior in priors]} if priors else {}
+        return replace(refined, details=f"{config.estimator}, {refined.details}", settings=settings)
 
     return announced("refined", "refining", ascend, on_event, T_init)
 
@@ -351,10 +345,8 @@ def repeat(
             initial = stages.searched
             if initial is None or initial.by_motion is None:
                 initial = initialize(data, config.initialization, seed, initial_pose, priors)
-            repetition = refine_and_polish(
-                data, initial, config.refinement, seed, priors, candidates=candidates
-            )
-            poses.append(repetition.T_camera_lidar)
+            rerun = refine_and_polish(data, initial, config.refinement, seed, priors, candidates=candidates)
+            poses.append(rerun.T_camera_lidar)
         except CalibrationError:
             poses.append(None)
     of_motion = None if stages.assessment is None else stages.assessment.of_motion

@@ -195,11 +195,9 @@ class Movement(StrictModel):
         """Describe how far the camera turned and moved, where either is more than chance."""
         rotation = _words(self.rotation_deg, self.half_width_95_rotation_deg)
         translation = _words(self.camera_center_m, self.half_width_95_camera_center_m)
-        movements = (
-            [f"turned by {rotation[0]:.2f} +- {rotation[1]:.2f} degrees about {rotation[2]}"]
-            if rotation
-            else []
-        )
+        movements = []
+        if rotation:
+            movements.append(f"turned by {rotation[0]:.2f} +- {rotation[1]:.2f} degrees about {rotation[2]}")
         if translation:
             movements.append(
                 f"moved by {100 * translation[0]:.1f} +- {100 * translation[1]:.1f} cm along {translation[2]}"

@@ -83,9 +83,7 @@ def search_mountings(
     is_searched = T_start is None or config.search_deg is not None
     candidates = _candidates(observations, config, seed, T_start)
     ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
-    kept = [
-        (candidate, agreement) for candidate, agreement in ranked if is_possible(candidate.T_camera_lidar)
-    ] or ranked
+    kept = [pair for pair in ranked if is_possible(pair[0].T_camera_lidar)] or ranked
     best, agreement_of_best = kept[0]
     T_best = best.T_camera_lidar
     hypotheses = tuple(describe(candidate, agreement, T_best) for candidate, agreement in kept)
