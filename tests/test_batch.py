@@ -317,7 +317,7 @@ def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
 
     with Client(address) as client:
         found = dict(semcal.batch([drives / "000", Path("/nowhere")], client=client))
-    assert isinstance(found[drives / "000"], semcal.CalibrationDocument)
+    assert isinstance(found[drives / "000"], semcal.Calibration)
     assert str(found[Path("/nowhere")]).startswith("/nowhere: no such file")
 
 

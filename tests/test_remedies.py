@@ -69,7 +69,10 @@ def test_what_can_be_estimated_is_advised(check: Check, option: str) -> None:
 
 @pytest.mark.parametrize("check", CHECKS.values(), ids=CHECKS)
 def test_every_option_that_is_advised_exists(check: Check) -> None:
-    for command, *options in re.findall(r"(?:`semcal (\w+))?[^`]*?(--[a-z-]+)", check.advice):
-        known = semcal.get_command(click.Context(semcal), command or "calibrate")
+    for words, *options in re.findall(r"(?:`semcal ([a-z ]+?) ?(?=-|`))?[^`]*?(--[a-z-]+)", check.advice):
+        known: click.Command | None = semcal
+        for word in (words or "calibrate").split():
+            assert isinstance(known, click.Group)
+            known = known.get_command(click.Context(semcal), word)
         assert known is not None
         assert {*options} <= {name for option in known.params for name in option.opts}

@@ -205,8 +205,9 @@ def test_overlays_need_no_labels_of_points(bare: Path, street_truth: Pose, by: s
 
 
 def test_a_right_pose_has_no_rival_and_a_wrong_one_has(seen: Observations, street_truth: Pose) -> None:
-    assert findings_among(check_rivals(seen, street_truth, None)) == ()
-    (found,) = findings_among(check_rivals(seen, FAR @ street_truth, None))
+    several = replace(seen, starts=STARTS)
+    assert findings_among(check_rivals(several, street_truth, None)) == ()
+    (found,) = findings_among(check_rivals(several, FAR @ street_truth, None))
     assert "explains the data better" in found.sentence
     assert "standard errors, but must be worse by at least 3: add frames" in found.sentence
 

@@ -57,10 +57,10 @@ class EdgesConfig:
     blur_rays: float = 0.5
     """Standard deviation of the blur of an image before and after its gradient is taken, in angles between
     neighbouring rays: a step lies anywhere between two rays."""
-    max_blur_across_deg: float = 0.1
+    most_blur_across_deg: float = 0.1
     """Largest standard deviation of the blur across the scans, degrees: a step is where its ring is, and a blur of a
     coarse LiDAR's rays moves the upper edge downwards (tests/benchmarks/hand_eye.py)."""
-    min_blur_px: float = 0.7
+    least_blur_px: float = 0.7
     """Smallest standard deviation of the blur, pixels."""
     surroundings_deg: float = 6.0
     """Standard deviation of the window over which the mean of the gradients is taken."""
@@ -93,7 +93,7 @@ def observe_edges(
         )
     mask = lens_mask(drive.camera)
     blur_px = max(
-        config.blur_rays * edges.spacing * core_camera(drive.camera).pixels_per_radian, config.min_blur_px
+        config.blur_rays * edges.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
     )
 
     def levels_of(frame: Frame) -> ClassIds:
@@ -207,8 +207,8 @@ def gradients(
     Returns:
         Strength of the gradient (H, W), and whether (H, W) the lens reaches all pixels that it comes from.
     """
-    across_px = math.radians(config.max_blur_across_deg) * core_camera(camera).pixels_per_radian
-    across_px = max(min(blur_px, across_px), config.min_blur_px)
+    across_px = math.radians(config.most_blur_across_deg) * core_camera(camera).pixels_per_radian
+    across_px = max(min(blur_px, across_px), config.least_blur_px)
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px, sigmaY=across_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
     # The border of the image is not a border of the lens.
