@@ -35,10 +35,16 @@ MORE_PUBLIC_NAMES = {
     "report": 26,
     "result": 55,
 }
-"""Rooms that still have more than the rest may have: their numbers may only fall."""
+"""Rooms that still have more than the rest may have: their numbers are those of today, and may only fall."""
 OF_PROBLEM = {"max_baseline_m", "edge_band_px"}
 FALLBACKS = {"MAX_BASELINE_M", "EDGE_BAND_PX"}
 """What describes the problem stands on its observations: settings of a solver that repeat it can be forgotten."""
+WITHOUT_A_DEFAULT = {"checks", "estimation", "pipeline"}
+"""Rooms whose parameters and fields of these names have no default, so that no caller can leave them out."""
+FILLER = r"(Give|Say|Tell)s?\b"
+"""First words of docstrings that say less than "Return", "Describe" or "Name"."""
+SUPERLATIVE = r"_?(LEAST|MOST)_"
+"""First words of names of limits that are called `MIN_` and `MAX_`."""
 PRINTING_ROOMS = {"cli", "experiments", "fleet", "many/rig", "report"}
 """Rooms whose figures a person reads, in centimetres and millimetres."""
 POSE_ERRORS = "geometry/poses.py"
@@ -191,16 +197,33 @@ def paths_in_the_pipeline(package: Path) -> list[str]:
     ]
 
 
+def with_default(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
+    """Name the parameters that have a default."""
+    arguments = function.args
+    positional = [*arguments.posonlyargs, *arguments.args]
+    by_name = zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
+    optional = [*positional[len(positional) - len(arguments.defaults) :]]
+    optional += [parameter for parameter, default in by_name if default is not None]
+    return [parameter.arg for parameter in optional]
+
+
 def problem_numbers(package: Path) -> list[str]:
-    """List the settings and fallbacks that repeat what `Observations` say of the problem, and could forget it."""
+    """List the settings, defaults and fallbacks that repeat what `Observations` say of the problem."""
     violations = []
     for path, module in modules(package).items():
-        room = room_of(path)
+        room, floor = room_of(path), path.removesuffix(".py").split("/")[0]
         for node in ast.walk(module):
             if isinstance(node, ast.ClassDef) and node.name not in ("RefinementConfig", "SynthConfig"):
-                names = [ast.unparse(field.target) for field in node.body if isinstance(field, ast.AnnAssign)]
-                if room.split("/")[0] in ("config", "estimation", "checks"):
+                fields = [field for field in node.body if isinstance(field, ast.AnnAssign)]
+                if floor == "pipeline":
+                    fields = [field for field in fields if field.value is not None]
+                names = [ast.unparse(field.target) for field in fields]
+                if floor == "config" or floor in WITHOUT_A_DEFAULT:
                     violations += [f"{path}: {node.name}.{name}" for name in names if name in OF_PROBLEM]
+            elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and floor in WITHOUT_A_DEFAULT:
+                violations += [
+                    f"{path}: {node.name}({name})" for name in with_default(node) if name in OF_PROBLEM
+                ]
             elif isinstance(node, ast.ImportFrom) and room not in ("config", "observations", "cli"):
                 violations += [f"{path}: {alias.name}" for alias in node.names if alias.name in FALLBACKS]
     return violations
@@ -253,6 +276,29 @@ def names_a_cue(node: ast.AST) -> bool:
     if isinstance(node, ast.Name | ast.Attribute):
         return (node.id if isinstance(node, ast.Name) else node.attr) == "LABELS"
     return isinstance(node, ast.Constant) and node.value in CUE_NAMES
+
+
+def filler_docstrings(package: Path) -> list[str]:
+    """List the docstrings, of values as well, that begin with words such as "Give"."""
+    return [
+        f"{path}: {node.value.value.splitlines()[0]}"
+        for path, module in modules(package).items()
+        for node in ast.walk(module)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if isinstance(node.value.value, str) and re.match(FILLER, node.value.value)
+    ]
+
+
+def superlative_names(package: Path) -> list[str]:
+    """List the names of modules that begin with "LEAST" or "MOST"."""
+    return [
+        f"{path}: {node.id}"
+        for path, module in modules(package).items()
+        for statement in module.body
+        if isinstance(statement, ast.Assign | ast.AnnAssign)
+        for node in ast.walk(statement)
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and re.match(SUPERLATIVE, node.id)
+    ]
 
 
 Rule = Callable[[Path], list[str]]

@@ -1,8 +1,11 @@
 """The table of checks: its limits, what is measured on both sides of them, and the page that is made of it."""
 
+import ast
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from check_limits import (
@@ -26,13 +29,26 @@ from documentation import ROOT
 from laboratory.outcomes import OTHER_DRIVE
 from laboratory.rigs import RIGS
 
+from semcal_cli.checks import registry
 from semcal_cli.checks.leaked_labels import LEAKED_LABELS
 from semcal_cli.checks.other_pose import OTHER_POSE
 from semcal_cli.checks.registry import CHECKS
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.findings.check import LIMITS, LIMITS_FILE, Evidence, findings_among, read_limits
+from semcal_cli.findings.check import LIMITS, LIMITS_FILE, Check, Evidence, findings_among, read_limits
 from semcal_cli.synthetic.synthesis import synthesize
 
+TOPICS = {
+    name: check.topic
+    for module in vars(registry).values()
+    if isinstance(module, ModuleType)
+    for name, check in vars(module).items()
+    if isinstance(check, Check)
+}
+"""Topic of each check, by its name in the code."""
+POSITIONS = {"limit": 0, "measured": 2}
+"""Methods of a check that look a limit up, and the position of its name among their arguments."""
+BY = ("labels", "segments")
+"""Names of the limits that `compared_by` chooses."""
 ALL = [(topic, name) for topic, check in CHECKS.items() for name in check.limits]
 
 
@@ -53,11 +69,45 @@ def test_every_limit_of_the_file_is_of_a_check() -> None:
     assert set(BAD_OF.values()) <= {*KINDS, *MOTIONS, WRONG_POSE}
 
 
+def lookups(code: str) -> Iterator[tuple[str, str]]:
+    """List the topics and names of the limits that a module looks up: by `CHECK.limit` or `CHECK.measured`."""
+    for node in ast.walk(ast.parse(code)):
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+            continue
+        topic, position = TOPICS.get(ast.unparse(node.func.value)), POSITIONS.get(node.func.attr)
+        if topic is None or position is None:
+            continue
+        named = [keyword.value for keyword in node.keywords if keyword.arg in ("limit", "name")]
+        (name, *_) = (*named, *node.args[position : position + 1], ast.Constant(""))
+        if isinstance(name, ast.Constant):
+            yield topic, str(name.value)
+        elif ast.unparse(name) in ("by", "compared_by(observations)"):
+            yield from ((topic, chosen) for chosen in BY)
+
+
 def test_every_limit_is_looked_up_by_the_code() -> None:
-    """A named limit stands in a module that imports its check; a single one is that of `limit()` or `measured`."""
-    code = "\n".join(path.read_text() for path in (ROOT / "semcal_cli").rglob("*.py"))
-    for name in {name for topic, name in ALL if topic in LIMITS and name}:
-        assert f'"{name}"' in code or f"'{name}'" in code, name
+    """Whoever looks a limit up names its check; the name is a constant, or what `compared_by` returns."""
+    paths = (ROOT / "semcal_cli").rglob("*.py")
+    looked_up = {limit for path in paths for limit in lookups(path.read_text(encoding="utf-8"))}
+    assert {(topic, name) for topic, name in ALL if topic in LIMITS} - looked_up == set()
+
+
+@pytest.mark.parametrize(
+    ("code", "limits"),
+    [
+        ("PRIOR.limit('one axis')", [("prior", "one axis")]),
+        ("PRIOR.measured(2.0, 'found', limit='one axis')", [("prior", "one axis")]),
+        ("PRIOR.measured(2.0, 'found', 'one axis')", [("prior", "one axis")]),
+        ("OTHER_POSE.measured(2.0, 'found')", [("other-pose", "")]),
+        ("WRONG_PAIRING.limit(by)", [("wrong-pairing", name) for name in BY]),
+        ("WRONG_PAIRING.limit(other)", []),
+        ("'one axis'", []),
+        ("OTHER.limit('one axis')", []),
+        ("PRIOR.finding('one axis')", []),
+    ],
+)
+def test_a_limit_is_looked_up_by_a_call_of_its_check(code: str, limits: list[tuple[str, str]]) -> None:
+    assert list(lookups(code)) == limits
 
 
 def test_a_value_beyond_its_limit_makes_a_finding() -> None:

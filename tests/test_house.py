@@ -18,6 +18,11 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
         "report/a.py": "def write(path: Path) -> None: ...",
     },
     house.problem_numbers: {"config/a.py": "class NewtonConfig:\n    max_baseline_m: float = 3.0"},
+    house.filler_docstrings: {
+        "checks/a.py": 'def describe() -> str:\n    """Say how far."""',
+        "checks/b.py": 'def describe() -> str:\n    """Describe how far."""',
+    },
+    house.superlative_names: {"checks/a.py": "A, LEAST_POINTS = 1, 2\nAT_LEAST_A = 3"},
     house.printed_units: {"checks/a.py": "def is_far(away_cm: float) -> bool: ..."},
     house.cue_questions: {
         "observations/cues/a.py": "is_by_edges = 'edges' in cues",
@@ -35,6 +40,30 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
 @pytest.mark.parametrize("rule", PLANTED, ids=lambda rule: rule.__name__)
 def test_the_house_keeps_its_rules(rule: house.Rule) -> None:
     assert rule(house.PACKAGE) == []
+
+
+def test_rooms_with_more_public_names_have_as_many_as_stated() -> None:
+    """A number that fell is to be lowered there, so that it cannot rise again."""
+    counts = {room: len(names) for room, names in house.imported_names(house.PACKAGE).items()}
+    assert {room: counts[room] for room in house.MORE_PUBLIC_NAMES} == house.MORE_PUBLIC_NAMES
+    assert min(house.MORE_PUBLIC_NAMES.values()) > house.MAX_PUBLIC_NAMES
+
+
+@pytest.mark.parametrize(
+    ("path", "code", "violation"),
+    [
+        ("estimation/refine/a.py", "class A:\n    edge_band_px: int", "A.edge_band_px"),
+        ("pipeline/a.py", "class A:\n    max_baseline_m: float = 8.0", "A.max_baseline_m"),
+        ("checks/a.py", "def check(T, max_baseline_m=8.0): ...", "check(max_baseline_m)"),
+        ("estimation/refine/a.py", "def polish(T, *, edge_band_px=1): ...", "polish(edge_band_px)"),
+        ("pipeline/a.py", "class A:\n    max_baseline_m: float", ""),
+        ("checks/a.py", "def check(max_baseline_m, *, edge_band_px, digits=3): ...", ""),
+    ],
+)
+def test_a_number_of_the_problem_has_no_default(path: str, code: str, violation: str, tmp_path: Path) -> None:
+    (tmp_path / "planted" / path).parent.mkdir(parents=True)
+    (tmp_path / "planted" / path).write_text(code)
+    assert house.problem_numbers(tmp_path / "planted") == [f"{path}: {violation}"] * bool(violation)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Each room imports only what stands below it; torch, OpenCV and SciPy stay where they are needed."""
 
 import ast
+import re
 import sys
 from pathlib import Path
 
@@ -28,6 +29,18 @@ WITH_OPENCV = {
     "report",
 }
 WITH_SCIPY = {"fleet/consensus"}
+CONTRACTS = {
+    "layers": 'containers = ["{package}"]\nlayers = ["upper", "lower"]',
+    "independence": 'modules = ["{package}.upper", "{package}.lower"]',
+    "acyclic_siblings": 'ancestors = ["{package}"]',
+}
+"""Settings of a contract of each type, for a package with an upper and a lower room."""
+PLANTED = {
+    "layers": {"lower": "from {package} import upper"},
+    "independence": {"upper": "from {package} import lower"},
+    "acyclic_siblings": {"upper": "from {package} import lower", "lower": "from {package} import upper"},
+}
+"""Imports that a contract of each type refuses, by the room that has them."""
 
 
 def test_each_room_imports_only_what_stands_below_it(
@@ -38,6 +51,36 @@ def test_each_room_imports_only_what_stands_below_it(
     monkeypatch.setattr(sys, "path", [*sys.path])
     code = lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True)
     assert code == 0, capsys.readouterr().out
+
+
+def lint(package: str, imports: dict[str, str], contract: str, folder: Path) -> int:
+    """Lint a package with two rooms by one contract, and return the exit status."""
+    (folder / package).mkdir()
+    for name in ("__init__", "upper", "lower"):
+        (folder / package / f"{name}.py").write_text(imports.get(name, "").format(package=package))
+    config = folder / "contracts.toml"
+    config.write_text(
+        f'[tool.importlinter]\nroot_package = "{package}"\n[[tool.importlinter.contracts]]\n'
+        f'name = "planted"\ntype = "{contract}"\n{CONTRACTS[contract].format(package=package)}\n'
+    )
+    return lint_imports(config_filename=str(config), no_cache=True)
+
+
+def test_a_violation_of_each_type_of_contract_is_planted() -> None:
+    types = re.findall(r'^type = "(\w+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert set(types) == PLANTED.keys() == CONTRACTS.keys()
+
+
+@pytest.mark.parametrize("contract", PLANTED)
+def test_a_contract_refuses_what_is_planted(
+    contract: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Packages without these imports keep the contract, so that the imports are what is refused."""
+    monkeypatch.syspath_prepend(tmp_path)
+    assert lint(f"kept_{contract}", {}, contract, tmp_path) == 0, capsys.readouterr().out
+    capsys.readouterr()
+    assert lint(f"broken_{contract}", PLANTED[contract], contract, tmp_path) == 1
+    assert "planted BROKEN" in capsys.readouterr().out
 
 
 def libraries(path: Path) -> set[str]:

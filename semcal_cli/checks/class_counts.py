@@ -99,6 +99,6 @@ def check_class_names(points: Sequence[str] | None, pixels: Sequence[str] | None
 
 
 def _one_class(names: Iterable[str]) -> str:
-    """Say which class is the only one, if there is one."""
+    """Name the class that is the only one, if there is one."""
     (name, *_) = (*names, "")
     return f"only the class {name}" if name else "no class"

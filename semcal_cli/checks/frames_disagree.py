@@ -114,7 +114,7 @@ def compare_frames(observations: Observations, T_camera_lidar: Pose) -> Suspicio
 
 
 def describe_disagreement(suspicion: Suspicion, names: Sequence[str]) -> str:
-    """Say how far frames disagree that a few poses do not explain."""
+    """Describe how far frames disagree that a few poses do not explain."""
     reasons = []
     if suspicion.scatter > suspicion.allowed:
         ratio, most = format_against_limit(math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed), 2)

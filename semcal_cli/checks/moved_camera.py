@@ -178,7 +178,7 @@ def _movement(before: Part, after: Part) -> Movement:
 
 
 def _moved_sentence(parts: Sequence[Part], described: Sequence[DrivePart], names: Sequence[str]) -> str:
-    """Say which frames fit which camera, and where it may have been knocked."""
+    """Describe which frames fit which camera, and where it may have been knocked."""
     sentences = []
     for part, document in zip(parts[1:], described[1:], strict=True):
         assert document.moved is not None

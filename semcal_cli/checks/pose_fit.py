@@ -11,7 +11,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
 
 NO_FIT = "do not fit at all at this pose"
-"""Says that pixels carry no information about points."""
+"""Phrase for pixels that carry no information about points."""
 
 
 class PoseFit(NamedTuple):

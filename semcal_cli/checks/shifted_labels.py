@@ -274,7 +274,7 @@ def _entries_words(entries: float) -> str:
 
 
 def _move_words(right_px: float, down_px: float, scale: float) -> str:
-    """Say how label images are to be moved: "shifted by 3 pixels right and 2 down"."""
+    """Describe how label images are to be moved: "shifted by 3 pixels right and 2 down"."""
     words = [f"scaled by {1.0 + scale:g} about the middle"] if scale else []
     sides = [(int(right_px), "right", "left"), (int(down_px), "down", "up")]
     if parts := [f"{abs(px)} {after if px > 0 else before}" for px, after, before in sides if px]:

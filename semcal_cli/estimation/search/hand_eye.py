@@ -30,7 +30,7 @@ from semcal_cli.observations.motion import displacements
 
 MAX_GAP_S = 0.75
 """Longest time between two images of a pair. After more, a car has passed what its camera saw."""
-ENOUGH_DEG, ENOUGH_M = 5.0, 2.5
+MIN_TURN_DEG, MIN_DISTANCE_M = 5.0, 2.5
 """Rotation or distance at which a pair ends: longer pairs lose matches."""
 STANDING_M, STANDING_DEG = 0.1, 0.1
 """Distance and rotation below which the rig stands still, and a pair carries no information."""
@@ -319,7 +319,7 @@ def _distance_m(T: Pose) -> float:
 
 
 def _is_enough(T: Pose) -> bool:
-    return math.degrees(_turn(T)) >= ENOUGH_DEG or _distance_m(T) >= ENOUGH_M
+    return math.degrees(_turn(T)) >= MIN_TURN_DEG or _distance_m(T) >= MIN_DISTANCE_M
 
 
 def _moves(T: Pose) -> bool:
