@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from semcal_cli.findings.check import SETTING, Check, Measured
+from semcal_cli.findings.check import Check, Limit, Measured
 from semcal_cli.findings.entry import Entry, PageSection
 
 NARROW_VIEW = Check(
@@ -18,7 +18,13 @@ NARROW_VIEW = Check(
         remedy="Compare the `camera:` block of the drive with the file of the lens calibration.",
         figure="Smaller one of the angles across and down the image.",
     ),
-    settings={"": SETTING(at_least=1.0, unit="degrees")},
+    settings={
+        "": Limit(
+            at_least=1.0,
+            unit="degrees",
+            source="a choice, far below the view of any camera on a vehicle; it was not measured",
+        )
+    },
 )
 
 

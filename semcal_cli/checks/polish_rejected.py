@@ -5,7 +5,7 @@ from __future__ import annotations
 from semcal_cli.config import PolishConfig
 from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.refine.polish import Polish
-from semcal_cli.findings.check import SETTING, Check
+from semcal_cli.findings.check import Check, Limit
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
 
@@ -31,8 +31,19 @@ POLISH_REJECTED = Check(
         figure="Information that held-out data lose in the polish.",
     ),
     settings={
-        "": SETTING(at_most=PolishConfig.max_loss, unit="standard errors"),
-        "several starts": SETTING(at_most=PolishConfig.max_loss_of_tops, unit="standard errors"),
+        "": Limit(
+            at_most=PolishConfig.max_loss,
+            unit="standard errors",
+            source="36 good calibrations of development drives had at most 2.6, those with K wrong by 10 % up to 3.8",
+        ),
+        "several starts": Limit(
+            at_most=PolishConfig.max_loss_of_tops,
+            unit="standard errors",
+            source=(
+                "held-out data took part in the choice of the best maximum, and lose by any other; by segments, 11 "
+                "good synthetic drives had 0 to 3.2, 1.9 on average"
+            ),
+        ),
     },
 )
 POLISH_NOT_TESTED = Check(

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import cv2
 import numpy as np
 
-from semcal_cli.findings.check import SETTING, Check, Limit
+from semcal_cli.findings.check import Check, Limit
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Numbers, Vectors
@@ -62,7 +62,13 @@ FAR_POINTS = Check(
         remedy="Transform the clouds into the LiDAR's frame, each with its own pose.",
         figure="Median range of the points.",
     ),
-    settings={"": SETTING(at_most=1000.0, unit="m")},
+    settings={
+        "": Limit(
+            at_most=1000.0,
+            unit="m",
+            source="a choice, beyond the range of any LiDAR on a vehicle; it was not measured",
+        )
+    },
 )
 TOLERANCE = CLOUD_UNIT.limit()
 """Largest difference of sizes from typical ones without a note, as a share."""

@@ -9,7 +9,7 @@ from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.adjust.priors import MAX_ROUNDS, Fused
 from semcal_cli.estimation.refine.polish import Polish
 from semcal_cli.estimation.refine.pyramid import Refinement
-from semcal_cli.findings.check import SETTING, Check
+from semcal_cli.findings.check import Check, Limit
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
 from semcal_cli.findings.phrases import NEARER
@@ -31,7 +31,13 @@ REFINEMENT_NOT_SETTLED = Check(
         remedy="Add frames. With `--init`, start nearer; without it, do not narrow the search.",
         figure="Movement of the points at the end of the finest level.",
     ),
-    settings={"": SETTING(at_most=PyramidConfig.max_final_drift, unit="blocks")},
+    settings={
+        "": Limit(
+            at_most=PyramidConfig.max_final_drift,
+            unit="blocks",
+            source="a choice, half a pixel at the finest level; it was not measured",
+        )
+    },
 )
 POLISH_NOT_SETTLED = Check(
     topic="polish-not-settled",
@@ -50,7 +56,13 @@ POLISH_NOT_SETTLED = Check(
         remedy="Add frames; for ragged borders, `--edge-band 2` or more.",
         figure="Movement of the points in the last round of the polish.",
     ),
-    settings={"": SETTING(at_most=PolishConfig.settled_px, unit="pixels")},
+    settings={
+        "": Limit(
+            at_most=PolishConfig.settled_px,
+            unit="pixels",
+            source="a choice, ten times the movement at which the rounds of the polish end; it was not measured",
+        )
+    },
 )
 FUSION_NOT_SETTLED = Check(
     topic="fusion-not-settled",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.findings.check import SETTING, Check
+from semcal_cli.findings.check import Check, Limit
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Points
@@ -22,7 +22,13 @@ SWEEP_MOTION = Check(
         remedy="Give poses or a twist ([drive.md](drive.md#a-lidar-that-moves-while-it-turns)), or record more slowly.",
         figure="Median displacement of the points.",
     ),
-    settings={"": SETTING(at_most=1.0, unit="pixels")},
+    settings={
+        "": Limit(
+            at_most=1.0,
+            unit="pixels",
+            source="a choice, one pixel of the label images; it was not measured",
+        )
+    },
 )
 OPEN_SHUTTER = Check(
     topic="open-shutter",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -152,6 +151,3 @@ class Check:
 def findings_among(measured: Iterable[Measured]) -> tuple[Finding, ...]:
     """List the findings of all measurements."""
     return tuple(finding for value in measured for finding in value.findings)
-
-
-SETTING = partial(Limit, source="a setting")
