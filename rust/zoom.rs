@@ -1,4 +1,4 @@
-//! The camera's label image on the LiDAR's angular grid (Alg. 2, lines 2-3).
+//! The pixels of the camera's label image in LiDAR directions (Alg. 2, lines 2-3).
 //!
 //! A [`Placement`] is the place of the image on the sphere, and maps LiDAR directions to raw pixels. The paper
 //! zooms the image to the LiDAR's angular resolution, as if columns were azimuths and rows elevations. Exact
@@ -11,10 +11,7 @@ use geometry::angles::{azimuth, elevation};
 use geometry::camera::Camera;
 use nalgebra::{Matrix3, Point2, Rotation3, Vector2, Vector3};
 
-use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
-use crate::label_image::LabelImage;
-use crate::spherical::SphericalGrid;
 
 /// Number of steps from the border to the middle of the image, in the search for the limit of the lens.
 const BORDER_STEPS: usize = 64;
@@ -145,23 +142,6 @@ impl<'a> ZoomedImage<'a> {
             camera.contains(&pixel).then_some(pixel)
         }
     }
-}
-
-/// A label image on the angular grid, with the image at a placement (Alg. 2, lines 2-3); [`NO_CLASS`] around it.
-pub fn zoom(
-    zoomed: &ZoomedImage<'_>,
-    image: &LabelImage<u8>,
-    placement: &Placement,
-    grid: &SphericalGrid,
-) -> LabelImage<u8> {
-    let pixel_of = zoomed.pixel_map(placement);
-    let class = |row: usize, column: usize| {
-        let pixel = pixel_of(&grid.direction(row, column))?;
-        Some(image.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize))
-    };
-    let cells = (0..grid.rows).flat_map(|row| (0..grid.columns).map(move |column| (row, column)));
-    let ids = cells.map(|(row, column)| class(row, column).unwrap_or(NO_CLASS)).collect();
-    LabelImage { width: grid.columns, height: grid.rows, ids }
 }
 
 /// The ray at a place of the image, given from -1 (left, top) to 1 (right, bottom), and the fraction of the way

@@ -273,10 +273,6 @@ class SphericalImages:
     """Spherical images of all frames on a grid: the labelled return nearest to the sensor in each pixel."""
 
     def __new__(cls, observations: Observations, grid: Grid) -> SphericalImages: ...
-    grid: Grid
-    """Grid of the images."""
-    def classes(self, frame: int) -> NDArray[np.uint8]:
-        """Return the label image (rows, columns) of a frame; 255 where there is no labelled return."""
 
 @final
 class Hypothesis:
@@ -286,10 +282,6 @@ class Hypothesis:
     """Mutual information of the pairs, nats, less its bias."""
     num_pairs: int
     """Number of labelled returns used that project to a labelled pixel, over all frames."""
-    def zoomed(
-        self, observations: Observations, images: SphericalImages, zoom: str, frame: int
-    ) -> NDArray[np.uint8]:
-        """Return a frame's label image, placed on the grid (rows, columns); 255 outside it."""
 
 @final
 class Correspondences:

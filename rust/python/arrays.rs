@@ -58,10 +58,6 @@ pub(super) fn dense_image(array: &PyReadonlyArray2<u8>) -> LabelImage<u8> {
     LabelImage { width, height, ids }
 }
 
-pub(super) fn image_array(py: Python<'_>, image: LabelImage<u8>) -> PyResult<Bound<'_, PyArray2<u8>>> {
-    image.ids.into_pyarray(py).reshape([image.height, image.width])
-}
-
 /// `T_camera_lidar`, taken to be rigid, (4, 4) in Python.
 #[derive(Clone, Copy)]
 pub(super) struct Pose(pub Isometry3<f64>);

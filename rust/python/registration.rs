@@ -3,14 +3,14 @@
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::{Pose, borrowed_rows, image_array, to_array2};
-use super::calls::{detached, value_error};
+use super::arrays::{Pose, borrowed_rows, to_array2};
+use super::calls::detached;
 use super::observations::PyObservations;
 use crate::correspondences::{self, Correspondence};
 use crate::error::Result;
 use crate::registration::{self, Hypothesis, RegistrationConfig};
 use crate::spherical::{self, SphericalGrid, SphericalImages};
-use crate::zoom::{self, Zoom, ZoomedImage};
+use crate::zoom::Zoom;
 
 #[pyclass(name = "Grid", frozen, get_all)]
 pub(super) struct PyGrid {
@@ -41,18 +41,6 @@ impl PySphericalImages {
     fn new(observations: &PyObservations, grid: &PyGrid) -> Self {
         Self(detached(|| SphericalImages::new(&observations.0, grid.core())))
     }
-
-    #[getter]
-    fn grid(&self) -> PyGrid {
-        PyGrid::new(self.0.grid)
-    }
-
-    fn classes<'py>(&self, py: Python<'py>, frame: usize) -> PyResult<Bound<'py, PyArray2<u8>>> {
-        if frame >= self.0.returns.len() {
-            return Err(value_error(format!("frame {frame} is not one of {}", self.0.returns.len())));
-        }
-        image_array(py, self.0.label_image(frame))
-    }
 }
 
 #[pyfunction]
@@ -80,22 +68,6 @@ impl PyHypothesis {
     #[getter]
     fn num_pairs(&self) -> usize {
         self.0.num_pairs as usize
-    }
-
-    fn zoomed<'py>(
-        &self,
-        py: Python<'py>,
-        observations: &PyObservations,
-        images: &PySphericalImages,
-        zoom: Zoom,
-        frame: usize,
-    ) -> PyResult<Bound<'py, PyArray2<u8>>> {
-        let observations = &observations.0;
-        let Some(shown) = observations.frames.get(frame) else {
-            return Err(value_error(format!("frame {frame} is not one of {}", observations.frames.len())));
-        };
-        let zoomed = ZoomedImage::new(&observations.camera, zoom)?;
-        image_array(py, zoom::zoom(&zoomed, &shown.image.classes, &self.0.placement, &images.0.grid))
     }
 }
 

@@ -11,7 +11,6 @@ use rayon::prelude::*;
 
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
-use crate::label_image::LabelImage;
 use crate::observation::{Frame, Observations};
 use crate::point_cloud::to_f64;
 
@@ -132,17 +131,6 @@ impl SphericalImages {
             returns.filter(|&(_, class)| class != NO_CLASS).collect()
         };
         Self { grid, returns: observations.frames.par_iter().map(labelled).collect() }
-    }
-
-    /// The label image of a frame on the grid, row by row, for display.
-    pub fn label_image(&self, frame: usize) -> LabelImage<u8> {
-        let mut ids = vec![NO_CLASS; self.grid.rows * self.grid.columns];
-        for (point, class) in &self.returns[frame] {
-            if let Some((row, column)) = self.grid.cell(&to_f64(point)) {
-                ids[row * self.grid.columns + column] = *class;
-            }
-        }
-        LabelImage { width: self.grid.columns, height: self.grid.rows, ids }
     }
 
     pub fn num_returns(&self) -> usize {
