@@ -17,18 +17,20 @@ from semcal_cli.checks.families import check_consistency
 from semcal_cli.checks.focal_length import WRONG_FOCAL_LENGTH
 from semcal_cli.checks.moved_camera import check_frames
 from semcal_cli.checks.other_azimuth import OTHER_AZIMUTH
-from semcal_cli.checks.other_pose import OTHER_POSE, check_rivals
+from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, CueName, RefinementConfig
-from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.estimation.adjust.frame_offsets import FAR_PYRAMID, fit_part
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.observations.frame_selection import with_frames
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.report.input import make_report_input
+from semcal_cli.result.uncertainty import Uncertainty
 
 SHIFT_M = np.array([4.0, 0.0, 0.0])
 GRID_M = 2.0**-16
@@ -39,6 +41,7 @@ one, so that a few other points count; that moved poses by up to 0.009 degrees a
 SAME_SHARE, SAME_VALUE = 0.05, 0.1
 """The same for what checks measure: relative differences, and those of values near zero."""
 FAR = RefinementConfig(max_baseline_m=8.0)
+WIDE_BAND = replace(FAR, edge_band_px=8)
 
 
 def translation(by_m: np.ndarray) -> Pose:
@@ -73,7 +76,7 @@ def assert_same(T_far: Pose, T_near: Pose) -> None:
     assert away.camera_center_cm < SAME_CM
 
 
-def loaded(drive: Path, cues: tuple[CueName, ...], refinement: RefinementConfig = FAR) -> LoadedDrive:
+def loaded(drive: Path | Drive, cues: tuple[CueName, ...], refinement: RefinementConfig = FAR) -> LoadedDrive:
     data = load(drive, CalibrationConfig(cues=cues, refinement=refinement))
     return replace(data, observations=on_grid(data.observations))
 
@@ -82,9 +85,9 @@ def moved_data(data: LoadedDrive) -> LoadedDrive:
     return replace(data, observations=moved(data.observations))
 
 
-def judged(data: LoadedDrive, T_start: Pose) -> Stages:
-    stages = refine_and_polish(data, start_at(data, InitialPose(T_start, "a start")), FAR)
-    return assess(data, stages, FAR)
+def judged(data: LoadedDrive, T_start: Pose, config: RefinementConfig = FAR) -> Stages:
+    stages = refine_and_polish(data, start_at(data, InitialPose(T_start, "a start")), config)
+    return assess(data, stages, config)
 
 
 def values(stages: Stages) -> dict[tuple[str, str], float]:
@@ -130,26 +133,9 @@ def test_parts_of_a_drive_are_fitted_wherever_the_origin_is(knocked: RawDrive, k
         assert_same(np.array(other.T_camera_lidar), np.array(part.T_camera_lidar))
 
 
-def test_every_check_uses_the_edge_band_that_was_asked_for(fine_street: Path, street_truth: Pose) -> None:
-    """Another width changes what every check measures that has an edge band."""
-    runs, topics = [], {OTHER_POSE.topic, WRONG_FOCAL_LENGTH.topic}
-    for band_px in (1, 8):
-        seen = loaded(fine_street, ("labels",), RefinementConfig(edge_band_px=band_px)).observations
-        part = fit_part(seen, range(2), street_truth, FAR_PYRAMID)
-        assert part is not None
-        measured = (*check_rivals(seen, street_truth, None), *check_consistency(seen, street_truth))
-        kept = {each.topic: each.value for each in measured if each.topic in topics}
-        runs.append((part.T_camera_lidar, kept))
-    (T_narrow, narrow), (T_wide, wide) = runs
-    assert compare_poses(T_narrow, T_wide).rotation_deg > 0.0
-    assert narrow.keys() == wide.keys() == topics
-    assert all(narrow[topic] != wide[topic] for topic in topics)
-
-
-def test_all_solvers_of_a_calibration_get_its_settings(
-    street: Path, T_off: Pose, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """All of them, and what the result records; coarse blocks alone have no edge band."""
+@pytest.fixture
+def solved(monkeypatch: pytest.MonkeyPatch) -> set[tuple[float, int]]:
+    """Maximum baseline and edge band of all observations that the core was given since."""
     made, seen = core.Observations, set[tuple[float, int]]()
 
     def spy(*arguments: Any) -> core.Observations:
@@ -158,9 +144,65 @@ def test_all_solvers_of_a_calibration_get_its_settings(
         return made(*arguments)
 
     monkeypatch.setattr(core, "Observations", spy)
+    return seen
+
+
+def checked(observations: Observations, T: Pose, uncertainty: Uncertainty | None) -> dict[str, float | None]:
+    """What checks with an edge band measure, and the turn of the pose that two frames fit."""
+    names = [f"{index}.bin" for index in range(observations.num_frames)]
+    measured = (
+        *check_rivals(observations, T, uncertainty),
+        *check_consistency(observations, T),
+        *check_frames(observations, T, names).measured,
+    )
+    part = fit_part(observations, range(2), T, FAR_PYRAMID)
+    assert part is not None
+    return {each.topic: each.value for each in measured} | {
+        "part": compare_poses(part.T_camera_lidar, T).rotation_deg
+    }
+
+
+@pytest.mark.parametrize(
+    ("cue", "with_band"),
+    [
+        ("labels", {"other-pose", "focal-length", "part"}),
+        pytest.param(
+            "segments",
+            {"other-pose", "focal-length", "part", "wrong-pairing", "other-azimuth"},
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("edges", set[str](), marks=pytest.mark.slow),
+    ],
+)
+def test_every_check_uses_the_edge_band_that_was_asked_for(
+    cue: CueName, with_band: set[str], fine_street: Path, T_off: Pose, solved: set[tuple[float, int]]
+) -> None:
+    """What a calibration measures is what each check measures of observations with this band.
+
+    Three frames have rivals by labels, too. Edges have probabilities of pixels, and no band.
+    """
+    few = with_frames(read_drive(fine_street), range(3))
+    usual = loaded(few, (cue,)).observations
+    stages = judged(loaded(few, (cue,), WIDE_BAND), T_off, WIDE_BAND)
+    assert solved == {(8.0, 8), (8.0, 0)}
+    assert stages.assessment is not None
+    measured = {each.topic: each.value for each in stages.assessment.measured}
+    T, uncertainty = stages.T_camera_lidar, stages.uncertainty
+    wide, narrow = (checked(replace(usual, edge_band_px=px), T, uncertainty) for px in (8, 1))
+    assert {topic: measured[topic] for topic in wide if topic != "part"} == {
+        topic: value for topic, value in wide.items() if topic != "part"
+    }
+    assert wide.keys() == narrow.keys()
+    assert {topic for topic in wide if wide[topic] != narrow[topic]} == with_band
+
+
+def test_all_solvers_of_a_calibration_get_its_settings(
+    street: Path, T_off: Pose, solved: set[tuple[float, int]]
+) -> None:
+    """All of them, and what the result records; coarse blocks alone have no edge band."""
     config = CalibrationConfig(refinement=RefinementConfig(max_baseline_m=8.0, edge_band_px=2))
     result = calibrate(street, config, initial_pose=InitialPose(T_off, "a start"))
-    assert seen == {(8.0, 2), (8.0, 0)}
+    assert solved == {(8.0, 2), (8.0, 0)}
     options: Any = result.settings.options
     assert options["initialization"]["alignment"]["max_baseline_m"] == 8.0
     for settings in (options["refinement"]["exact"], options["polish"]):
