@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 from benchmark import OUTPUT, KeptTable, run_experiment, script
-from laboratory.rates import Rate
+from laboratory.rates import Rate, median_and_worst
 from laboratory.rigs import Case, Degrade, consecutive, row_cases, wrong
 
 from semcal_cli.config import AdjustmentConfig, InitializationConfig, RefinementConfig
@@ -36,7 +36,6 @@ from semcal_cli.experiments.summary import (
     digits,
     measure_of,
     median,
-    median_and_worst,
 )
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
