@@ -12,7 +12,7 @@ from commands import invoke
 from conftest import FINE_STREET, make_pose, without
 
 from semcal_cli import core
-from semcal_cli.checks.cues_disagree import check_guide
+from semcal_cli.checks.cues_disagree import check_coarse_cue
 from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
@@ -125,7 +125,7 @@ def test_a_start_two_degrees_off_comes_back_and_few_scenes_are_not_trusted(
 def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_truth: Pose) -> None:
     start = make_pose((0.05, 0.05, 0.05), (0.2, 0.2, 0.2)) @ street_truth
     single = replace(STARTS, num_starts=(1,))
-    several = SeveralStarts(seen, ExactConfig(), 0, single, others=[street_truth])
+    several = SeveralStarts(seen, ExactConfig(), 0, single, candidates=[street_truth])
     T = start
     for factor in (2, 1):
         T = several.ascend(factor, T, visible_only=True).T_camera_lidar
@@ -183,9 +183,9 @@ def test_edges_alone_want_a_start(bare: Path, tmp_path: Path) -> None:
 def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth: Pose) -> None:
     coarse_cue = load(bare).coarse_cue
     assert coarse_cue is not None
-    assert check_guide(coarse_cue, street_truth, street_truth).findings == ()
+    assert check_coarse_cue(coarse_cue, street_truth, street_truth).findings == ()
     walked = make_pose((0.0, 0.09, 0.0), (0.3, 0.0, 0.3)) @ street_truth
-    (finding,) = check_guide(coarse_cue, walked, street_truth).findings
+    (finding,) = check_coarse_cue(coarse_cue, walked, street_truth).findings
     assert finding.topic == "cues-disagree"
     assert "5.2 degrees and 42 cm from" in finding.sentence
 

@@ -8,8 +8,9 @@ import pytest
 
 import semcal_cli
 from semcal_cli.checks import registry
-from semcal_cli.checks.registry import CHECKS, POSE_CHECKS
+from semcal_cli.checks.registry import CHECKS
 from semcal_cli.findings.check import Check
+from semcal_cli.findings.entry import PageSection
 
 PACKAGE = Path(semcal_cli.__file__).parent
 MAKERS = {"finding": 0, "without_value": 0, "measured": 1}
@@ -18,6 +19,10 @@ MODULES = [module for module in vars(registry).values() if isinstance(module, Mo
 NAMES = {
     name: value for module in MODULES for name, value in vars(module).items() if isinstance(value, Check)
 }
+POSE_CHECKS = {
+    topic: check for topic, check in CHECKS.items() if check.entry.section is not PageSection.INSPECTION
+}
+"""The checks of a verdict, by topic; the others are those of an inspection."""
 ORDERS = {"add", "calibrate", "compare", "check", "give", "label", "measure", "record", "start"}
 """Words that an advice begins with."""
 FEWEST = 58

@@ -19,7 +19,7 @@ from semcal_cli.observations.observations import (
     LabelledImage,
     Observations,
 )
-from semcal_cli.observations.reading import mend
+from semcal_cli.observations.reading import remove_speckle
 from semcal_cli.synthetic.label_noise import mislabel, with_wrong_labels
 
 
@@ -37,13 +37,13 @@ def test_wrong_labels_are_wrong_and_spread_over_all_classes() -> None:
     assert (noisy == 2).sum() == pytest.approx((noisy == 7).sum(), rel=0.05)
 
 
-def test_isolated_wrong_pixels_are_mended(street_observations: Observations) -> None:
+def test_isolated_wrong_pixels_are_replaced(street_observations: Observations) -> None:
     wrong = with_wrong_labels(street_observations, 0.2, np.random.default_rng(1))
-    mended = mend(wrong)
-    assert mended.speckle == pytest.approx(0.2, abs=0.02)
+    cleaned = remove_speckle(wrong)
+    assert cleaned.speckle == pytest.approx(0.2, abs=0.02)
     true = street_observations.images[0].classes
     assert share_changed(true, wrong.images[0].classes) > 0.19
-    assert share_changed(true, mended.images[0].classes) < 0.01
+    assert share_changed(true, cleaned.images[0].classes) < 0.01
 
 
 def test_a_networks_labels_are_wrong_at_borders_and_in_blobs(street_observations: Observations) -> None:
@@ -51,7 +51,7 @@ def test_a_networks_labels_are_wrong_at_borders_and_in_blobs(street_observations
     before, after = street_observations.images[0].classes, noisy.images[0].classes
     assert 0.5 * BLOB_SHARE < share_changed(before, after) < 0.15
     # Hardly any wrong pixel stands alone.
-    assert mend(noisy).speckle < 0.01
+    assert remove_speckle(noisy).speckle < 0.01
     points = share_changed(street_observations.clouds[0].classes, noisy.clouds[0].classes)
     assert points == pytest.approx(POINT_SHARE, abs=0.01)
 

@@ -13,11 +13,11 @@ import pytest
 from benchmark import script
 from documentation import ROOT
 from laboratory import page_tables
-from laboratory.page_tables import command_line, find_place
+from laboratory.page_tables import command_line, find_place, read_measured
 
 from semcal_cli.errors import InputError
 from semcal_cli.experiments import experiment_run, measured
-from semcal_cli.experiments.experiment_run import Experiment, Report, read_measured
+from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.many.batch.pace import Pace
 
 BEFORE = "# Figures\n\n`<!-- table: ours -->` begins a place.\n\n<!-- table: ours -->\n"

@@ -105,8 +105,8 @@ def test_nothing_of_ours_is_added(
 
 
 def test_isolated_pixels_stay(data: LoadedDrive, street: Path) -> None:
-    as_read, mended = read_observations(read_drive(street)), load(street)
-    assert mended.observations.speckle > 0.0
+    as_read, cleaned = read_observations(read_drive(street)), load(street)
+    assert cleaned.observations.speckle > 0.0
     pairs = zip(data.observations.images, as_read.images, strict=True)
     assert all(np.array_equal(found.classes, expected.classes) for found, expected in pairs)
 

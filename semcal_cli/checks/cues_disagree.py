@@ -47,17 +47,17 @@ OTHERS_DEG, OTHERS_M = 3.0, 0.3
 """Number of poses around the pose that it is compared with, and their distance: segments end up to 4 degrees off."""
 
 
-def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> Measured:
+def check_coarse_cue(coarse_cue: Observations, T_camera_lidar: Pose, T_initial: Pose) -> Measured:
     """Check that segments and image labels do not prefer another pose to the one that edges found.
 
     Args:
-        guide: Points and pixels by segments.
+        coarse_cue: Points and pixels by segments.
         T_camera_lidar: (4, 4) pose by edges, metres.
         T_initial: (4, 4) pose from which edges started.
     """
     rng = np.random.default_rng(0)
     others = [T_initial, *(displace(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS))]
-    behind = sigmas_behind(guide, T_camera_lidar, others)
+    behind = sigmas_behind(coarse_cue, T_camera_lidar, others)
     best = int(np.argmin(behind))
     away = compare_poses(others[best], T_camera_lidar)
     ahead, most = format_against_limit(-behind[best], CUES_DISAGREE.limit(), 1)

@@ -116,12 +116,12 @@ def _split(
     parts = _two_parts(observations, frames, T_start, place)
     for later, part in zip((1, 0), parts, strict=False):
         # One part is reserved for each of those that follow.
-        left, again = num_parts - later - len(all_parts), None
-        if left > 1:
-            again = compare_frames(observations.of_frames(part.frames), part.T_camera_lidar)
+        max_smaller, suspicion = num_parts - later - len(all_parts), None
+        if max_smaller > 1:
+            suspicion = compare_frames(observations.of_frames(part.frames), part.T_camera_lidar)
         smaller = []
-        if again is not None and again.place is not None:
-            smaller = _split(observations, part.frames, part.T_camera_lidar, again.place, left)
+        if suspicion is not None and suspicion.place is not None:
+            smaller = _split(observations, part.frames, part.T_camera_lidar, suspicion.place, max_smaller)
         all_parts += smaller or [part]
     return all_parts
 
@@ -138,9 +138,9 @@ def _two_parts(observations: Observations, frames: range, T_start: Pose, place: 
     if pair is None:
         return ()
     poses = pair[0].T_camera_lidar, pair[1].T_camera_lidar
-    again = _best_place(observations.of_frames(frames), *poses)
-    if again != place:
-        pair = fit_both(again, *poses)
+    better_place = _best_place(observations.of_frames(frames), *poses)
+    if better_place != place:
+        pair = fit_both(better_place, *poses)
     if pair is None:
         return ()
     offset, covariance, dof = _offset(*pair)

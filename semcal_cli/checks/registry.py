@@ -45,7 +45,6 @@ from semcal_cli.checks import (
     wrong_pairing,
 )
 from semcal_cli.findings.check import Check
-from semcal_cli.findings.entry import PageSection
 
 ALL_CHECKS: tuple[Check, ...] = (
     other_mounting.OTHER_MOUNTING,
@@ -107,7 +106,3 @@ ALL_CHECKS: tuple[Check, ...] = (
 )
 CHECKS = {check.topic: check for check in ALL_CHECKS}
 """All checks by topic."""
-POSE_CHECKS = {
-    topic: check for topic, check in CHECKS.items() if check.entry.section is not PageSection.INSPECTION
-}
-"""The checks of a verdict, by topic; the others are those of an inspection."""

@@ -47,8 +47,8 @@ def format_name(help: str, *names: str, **about: Any) -> Any:
     return option(help, *names, type=FormatName(), metavar="FORMAT", **about)
 
 
-def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
-    if is_asked:
+def _list_formats(ctx: click.Context, param: click.Parameter, lists_formats: bool) -> None:
+    if lists_formats:
         from semcal_cli.cli.tables import wrapped
         from semcal_cli.formats.format_table import PLUGINS, all_formats
 

@@ -55,7 +55,7 @@ def _compare_methods(name: str, settings: MethodsSettings) -> None:
 
     check_torch(f"semcal experiment {name}")
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    runs = pairs_and_noise.experiment(settings.out, seeds, name, is_mended=not settings.unmended)
+    runs = pairs_and_noise.experiment(settings.out, seeds, name, removes_speckle=not settings.unmended)
     click.echo(measure(runs, settings.jobs), nl=False)
 
 

@@ -30,8 +30,8 @@ SHOW_WIDTH = 10
 """Columns of the labels of `--show`."""
 
 
-def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> bool:
-    if is_asked and not ctx.resilient_parsing:
+def _list_models(ctx: click.Context, param: click.Parameter, lists_models: bool) -> bool:
+    if lists_models and not ctx.resilient_parsing:
         from semcal_cli.cli.tables import wrapped
         from semcal_cli.labelling.hub import PREFIX, RECOMMENDED
 
@@ -44,7 +44,7 @@ def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> 
             for label, text in zip((name, "", ""), texts, strict=True):
                 click.echo("\n".join(wrapped(label, text, NAME_WIDTH)))
         ctx.exit()
-    return is_asked
+    return lists_models
 
 
 def _check_pair(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -180,16 +180,6 @@ def prepare_folder(folder: Path) -> None:
         check_own_file(folder / file)
 
 
-def read_measured(folder: Path) -> list[str]:
-    """Read where and when the results in a folder were measured; here and now if it keeps no results.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    file = folder / MEASURED
-    return read_text(file).splitlines() if file.exists() else [measured_here()]
-
-
 def describe_case(case: Any) -> str:
     """Describe a case by its fields: texts alone, numbers with their names."""
     return ", ".join(

@@ -21,7 +21,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.cue_table import load_cues
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
-from semcal_cli.observations.reading import mend, read_observations
+from semcal_cli.observations.reading import read_observations, remove_speckle
 from semcal_cli.pipeline import initialize, paper, refine_and_polish, start_at
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
@@ -36,8 +36,8 @@ class Scene:
     """Fraction of the labels on both sides that are replaced by wrong ones."""
     seed: int = 0
     """Seed of the wrong labels."""
-    is_mended: bool = True
-    """Whether isolated pixels are mended for all methods but the paper's."""
+    removes_speckle: bool = True
+    """Whether isolated wrong pixels are replaced for all methods but the paper's."""
     is_initialized: bool = False
     """Whether the common start comes from an initial calibration; if not, coarse levels are ascended first."""
 
@@ -49,7 +49,7 @@ class Scene:
     @cached_property
     def labels(self) -> Observations:
         """The labels as semcal uses them."""
-        return mend(self.raw_labels) if self.is_mended else self.raw_labels
+        return remove_speckle(self.raw_labels) if self.removes_speckle else self.raw_labels
 
     @cached_property
     def intensity(self) -> Observations:

@@ -125,7 +125,7 @@ def run(
     settings: Sequence[ComparisonSetting],
     pool: Pool,
     changes: Mapping[str, object],
-    is_mended: bool,
+    removes_speckle: bool,
     case: ComparisonCase,
 ) -> list[MethodError]:
     """Reduce a drive to a setting and calibrate it by one method.
@@ -134,7 +134,7 @@ def run(
         settings: All settings.
         pool: Drives, with their images.
         changes: Changes of the drives' `SynthConfig`.
-        is_mended: Whether isolated wrong pixels are mended for all methods but the paper's.
+        removes_speckle: Whether isolated wrong pixels are replaced for all methods but the paper's.
         case: The run.
     """
     setting = next(setting for setting in settings if setting.name == case.setting)
@@ -143,7 +143,7 @@ def run(
     rng = np.random.default_rng(case.seed)
     order, T_init = rng.permutation(num_frames), displace(truth, START_DEG, START_M, rng)
     chosen = with_frames(drive, sorted(order[: setting.num_pairs]))
-    scene = Scene(chosen, wrong=setting.wrong, seed=case.seed, is_mended=is_mended)
+    scene = Scene(chosen, wrong=setting.wrong, seed=case.seed, removes_speckle=removes_speckle)
     method, start = METHODS[case.method], perf_counter()
     try:
         observations, start = method.prepare(scene), perf_counter()
@@ -155,7 +155,7 @@ def run(
     return [MethodError(case.setting, case.method, case.seed, deg, cm, perf_counter() - start, reason)]
 
 
-def report(name: str, is_mended: bool, results: Sequence[MethodError]) -> Report:
+def report(name: str, removes_speckle: bool, results: Sequence[MethodError]) -> Report:
     """Summarise the results by setting, in the order of the results, and by method, in the order of `METHODS`."""
     columns = (
         common("setting", AXES[name]),
@@ -170,12 +170,12 @@ def report(name: str, is_mended: bool, results: Sequence[MethodError]) -> Report
         results, key=lambda result: (settings.index(result.setting), methods.index(result.method))
     )
     start = {"rotation_deg": START_DEG, "camera_center_m": START_M}
-    facts = {"start": start, "is_mended": is_mended}
+    facts = {"start": start, "is_mended": removes_speckle}
     return Report.of(ordered, columns, draw=partial(_plot, AXES[name], results), facts=facts)
 
 
 def experiment(
-    out: Path, seeds: range, name: str, *, is_mended: bool
+    out: Path, seeds: range, name: str, *, removes_speckle: bool
 ) -> Experiment[ComparisonCase, MethodError]:
     """Declare an experiment of `EXPERIMENTS`.
 
@@ -183,18 +183,18 @@ def experiment(
         out: Folder of all experiments.
         seeds: Seeds of the drives.
         name: Key of `EXPERIMENTS`.
-        is_mended: Whether isolated wrong pixels are mended for all methods but the paper's.
+        removes_speckle: Whether isolated wrong pixels are replaced for all methods but the paper's.
     """
     settings = EXPERIMENTS[name]
-    folder = out / (name if is_mended else f"{name}_unmended")
+    folder = out / (name if removes_speckle else f"{name}_unmended")
     drives = folder / "drives"
     return Experiment(
         name,
         folder,
         cases(settings, seeds),
-        partial(run, settings, Pool(drives, has_images=True), {}, is_mended),
+        partial(run, settings, Pool(drives, has_images=True), {}, removes_speckle),
         MethodError,
-        partial(report, name, is_mended),
+        partial(report, name, removes_speckle),
         complete=partial(complete, settings),
         scratch=drives,
     )

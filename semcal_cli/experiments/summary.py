@@ -100,11 +100,6 @@ def median(values: Sequence[float]) -> float:
     return float(np.median(values))
 
 
-def median_and_worst(values: Sequence[float]) -> tuple[float, float]:
-    """Return the median and the worst of values."""
-    return median(values), max(values)
-
-
 def distribution(values: Sequence[float]) -> tuple[float, float, float]:
     """Return the median, the 95 % quantile and the worst of errors."""
     # Quantiles are not interpolated, since a value may be infinite.

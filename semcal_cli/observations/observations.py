@@ -175,7 +175,10 @@ class Observations:
 
     @property
     def is_local(self) -> bool:
-        """Whether points show only small offsets of the pose, as edges or intensity alone do."""
+        """Whether these points show only small offsets of the pose, as those of edges or intensity alone do.
+
+        `Cue.is_local` states it of one cue; here, points may be those of several cues, or segments by their kinds.
+        """
         return self.is_multimodal and not self.has_partitions
 
     @property

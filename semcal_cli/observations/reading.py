@@ -78,13 +78,13 @@ def class_table(
 
 
 def load_observations(drive: Drive, sweeps: SweepCache | None = None) -> Observations:
-    """Load all frames of a drive, in parallel, and mend isolated pixels; `sweeps` are not read again.
+    """Load all frames of a drive, in parallel, and replace isolated wrong pixels; `sweeps` are not read again.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
         CalibrationError: one side carries a single class.
     """
-    return mend(read_observations(drive, sweeps))
+    return remove_speckle(read_observations(drive, sweeps))
 
 
 def read_observations(drive: Drive, sweeps: SweepCache | None = None) -> Observations:
@@ -256,20 +256,20 @@ def read_needed_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
     return read_image(drive.resolve(name), drive.camera.size)
 
 
-def mend(observations: Observations) -> Observations:
+def remove_speckle(observations: Observations) -> Observations:
     """Replace the class of isolated pixels of the label images by the one around them: see `rust/speckle.rs`.
 
     Label images with probabilities stay unchanged.
     """
     images = observations.images
     hard = [index for index, image in enumerate(images) if image.shares is None]
-    num_mended = 0
+    num_replaced = 0
     despeckled = core.despeckle([images[index].classes for index in hard])
     for index, (classes, count) in zip(hard, despeckled, strict=True):
         images[index] = images[index].with_classes(classes)
-        num_mended += count
+        num_replaced += count
     num_pixels = sum(image.classes.size for image in images)
-    return replace(observations.with_images(images), speckle=num_mended / num_pixels)
+    return replace(observations.with_images(images), speckle=num_replaced / num_pixels)
 
 
 def read_clouds(drive: Drive, sweeps: SweepCache | None = None) -> list[SweepCloud]:

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli.checks.camera_motion import check_camera_motion
-from semcal_cli.checks.cues_disagree import check_guide
+from semcal_cli.checks.cues_disagree import check_coarse_cue
 from semcal_cli.checks.families import check_consistency, check_uncertainty
 from semcal_cli.checks.few_scenes import check_scenes
 from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
@@ -78,7 +78,9 @@ def assess(
         can_bleed = with_label_bleed and data.policy.has_label_bleed
         assessment = _judge(pose, with_label_bleed=can_bleed)
     if data.coarse_cue is not None and data.policy.needs_near_start:
-        assessment = assessment.with_measured(check_guide(data.coarse_cue, T, stages.initial.T_camera_lidar))
+        assessment = assessment.with_measured(
+            check_coarse_cue(data.coarse_cue, T, stages.initial.T_camera_lidar)
+        )
     stages = replace(stages, assessment=assessment)
     doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))

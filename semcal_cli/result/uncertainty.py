@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, TypeAlias
+from typing import Annotated, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,17 +76,34 @@ CovarianceEntries: TypeAlias = Annotated[
 Covariance: TypeAlias = Annotated[CovarianceEntries, AfterValidator(check_covariance)]
 
 
-def check_part(part: CovarianceEntries | None, whole: CovarianceEntries | None) -> None:
-    """Check that the part of a covariance (6, 6) by errors of the intrinsics is no larger than the whole.
+class HasCovariances(Protocol):
+    """A model with a covariance (6, 6) and its part by errors of the intrinsics."""
+
+    @property
+    def covariance(self) -> CovarianceEntries | None:
+        """The whole."""
+
+    @property
+    def covariance_of_intrinsics(self) -> CovarianceEntries | None:
+        """The part."""
+
+
+Covariances = TypeVar("Covariances", bound=HasCovariances)
+
+
+def check_part(covariances: Covariances) -> Covariances:
+    """Check that the part of a covariance by errors of the intrinsics is no larger than the whole.
 
     Raises:
         ValueError: it is, or there is no whole.
     """
+    whole, part = covariances.covariance, covariances.covariance_of_intrinsics
     if part is None:
-        return
+        return covariances
     variances = np.zeros(6) if whole is None else np.diag(whole)
     if (np.diag(part) > variances + COVARIANCE_TOLERANCE * variances.max()).any():
         raise mismatch("a covariance_of_intrinsics that exceeds the covariance", "a part of it")
+    return covariances
 
 
 class PoseChange(StrictModel):
@@ -150,10 +167,7 @@ class Uncertainty(StrictModel):
     """Part of the covariance that is due to errors of the intrinsics, which more frames do not reduce; null if they are
     exact, were estimated, or their effect could not be computed."""
 
-    @model_validator(mode="after")
-    def _check_part(self) -> "Uncertainty":
-        check_part(self.covariance_of_intrinsics, self.covariance)
-        return self
+    _check_part = model_validator(mode="after")(check_part)
 
     @classmethod
     def from_covariance(

@@ -32,7 +32,7 @@ from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.cues.cue_table import load_cues
 from semcal_cli.observations.loading import LoadedDrive
-from semcal_cli.observations.reading import mend, read_observations
+from semcal_cli.observations.reading import read_observations, remove_speckle
 from semcal_cli.pipeline import initialize
 
 START_SEEDS = 2.5
@@ -160,7 +160,7 @@ def run(pool: Pool, estimators: Sequence[Estimator], edge_band_px: int, case: Ca
 
 
 def _load(drive: Drive, row: Row, rng: np.random.Generator) -> LoadedDrive:
-    labelled = mend(row.degrade(read_observations(drive), rng))
+    labelled = remove_speckle(row.degrade(read_observations(drive), rng))
     if row.cue == "labels":
         return LoadedDrive(drive, labelled)
     segments = load_cues(drive, (row.cue,), is_raw=True).with_images(labelled.images)

@@ -18,13 +18,13 @@ from time import perf_counter
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import click
-from laboratory.page_tables import command_line, find_place
+from laboratory.page_tables import command_line, find_place, read_measured
 
 from semcal_cli.cli.experiment import measure
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import CalibrationError, SemcalError
-from semcal_cli.experiments.experiment_run import Experiment, read_measured
+from semcal_cli.experiments.experiment_run import Experiment
 from semcal_cli.experiments.measured import measured_here
 from semcal_cli.experiments.summary import Column, markdown_table, summarise, summary_table, table_row
 from semcal_cli.formats import read_transform

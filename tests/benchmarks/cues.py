@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from benchmark import script, street, summary
 from laboratory.label_errors import imitate_network
+from laboratory.rates import median_and_worst
 from laboratory.rigs import RIGS
 
 from semcal_cli import core
@@ -29,7 +30,7 @@ from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.experiments.summary import NUMBER, common, count, error_columns, median_and_worst
+from semcal_cli.experiments.summary import NUMBER, common, count, error_columns
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace

@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 from benchmark import OUTPUT, KeptTable, run_experiment, script
-from laboratory.rates import Rate
+from laboratory.rates import Rate, median_and_worst
 from laboratory.rigs import Case, Degrade, consecutive, row_cases, wrong
 
 from semcal_cli.config import AdjustmentConfig, InitializationConfig, RefinementConfig
@@ -36,13 +36,12 @@ from semcal_cli.experiments.summary import (
     digits,
     measure_of,
     median,
-    median_and_worst,
 )
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.observations.reading import mend, read_observations
+from semcal_cli.observations.reading import read_observations, remove_speckle
 from semcal_cli.pipeline import initialize
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import CalibrationDocument
@@ -166,7 +165,7 @@ def run(pool: Pool, case: Case) -> list[Result]:
 
 
 def _load(drive: Drive, row: Row, rng: np.random.Generator) -> LoadedDrive:
-    observations = mend(row.degrade(read_observations(drive), rng))
+    observations = remove_speckle(row.degrade(read_observations(drive), rng))
     camera = _spoiled(drive.camera, rng) if row.is_wrong else drive.camera
     spoiled = drive.model_copy(update={"camera": camera})
     return LoadedDrive(spoiled, replace(observations, camera=camera))

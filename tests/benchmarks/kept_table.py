@@ -10,8 +10,9 @@ COMMAND is the one that measured the results.
 from pathlib import Path
 
 from benchmark import KeptTable, script
+from laboratory.page_tables import read_measured
 
-from semcal_cli.experiments.experiment_run import TABLE, read_measured
+from semcal_cli.experiments.experiment_run import TABLE
 from semcal_cli.files.input_files import read_text
 
 

@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from benchmark import script, summary
+from laboratory.rates import median_and_worst
 from real_data import RealDrive, real_drives
 
 from semcal_cli.cli.options import CUES as CUE_NAMES
@@ -36,7 +37,6 @@ from semcal_cli.experiments.summary import (
     error_columns,
     measure_of,
     median,
-    median_and_worst,
 )
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose

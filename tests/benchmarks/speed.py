@@ -18,6 +18,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from benchmark import OUTPUT, SEMCAL, KeptTable, run_experiment, run_process, script
+from laboratory.rates import median_and_worst
 
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE
@@ -31,7 +32,6 @@ from semcal_cli.experiments.summary import (
     group_results,
     measure_of,
     median,
-    median_and_worst,
 )
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text

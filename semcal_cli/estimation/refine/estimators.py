@@ -20,11 +20,11 @@ def make_estimator(
     config: RefinementConfig,
     seed: int,
     on_event: Listener = ignore,
-    others: Sequence[Pose] = (),
+    candidates: Sequence[Pose] = (),
 ) -> tuple[LevelOptimizer, dict[str, object]]:
     """Make the estimator, and return it with its settings; torch is loaded only where it is needed.
 
-    With several starts, `others` are poses (4, 4) that remain candidates besides the pose to start from.
+    With several starts, `candidates` are poses (4, 4) that stay in the comparison besides the pose to start from.
 
     Raises:
         InputError: features need MINE, segments need the exact estimator, torch is missing, or the device is.
@@ -42,7 +42,7 @@ def make_estimator(
         if (starts := observations.starts) is None:
             estimator = ExactEstimator(observations, ExactConfig(), seed)
             return estimator, {"exact": asdict(estimator.config) | shared}
-        several = SeveralStarts(observations, ExactConfig(), seed, starts, others)
+        several = SeveralStarts(observations, ExactConfig(), seed, starts, candidates)
         recorded_starts = asdict(several.starts)
         if several.starts.coarse is not None:
             recorded_starts["coarse"] |= shared

@@ -44,7 +44,7 @@ class SeveralStarts:
         config: ExactConfig,
         seed: int,
         starts: StartsConfig,
-        others: Sequence[Pose] = (),
+        candidates: Sequence[Pose] = (),
     ) -> None:
         """Set up what all levels share.
 
@@ -53,11 +53,11 @@ class SeveralStarts:
             config: Steps, mini-batches and limits.
             seed: Seed of the mini-batches and of the starts.
             starts: How many starts there are, and where.
-            others: (4, 4) poses that remain candidates besides the start.
+            candidates: (4, 4) poses that stay in the comparison besides the start.
         """
         self.config = exact_config(observations, config)
         self.observations, self.seed, self.starts = observations, seed, starts
-        self.given: list[Pose] = list(others)
+        self.given: list[Pose] = list(candidates)
         self.poses: list[Pose] = []
         """Starts of the next level, best first; none before the first level."""
         self._num_levels = 0

@@ -196,15 +196,12 @@ class Outcome(StrictModel):
     covariance_of_intrinsics: Covariance | None = None
     """(6, 6) part of the covariance from errors of K, which all drives of a camera share."""
 
+    _check_part = model_validator(mode="after")(check_part)
+
     @property
     def is_failed(self) -> bool:
         """Whether the drive has no answer."""
         return self.status == FAILED
-
-    @model_validator(mode="after")
-    def _check_part(self) -> Outcome:
-        check_part(self.covariance_of_intrinsics, self.covariance)
-        return self
 
 
 def failed_outcome(drive: str, reason: str) -> Outcome:

@@ -131,7 +131,7 @@ def load_cues(
 ) -> Observations:
     """Load every frame of a drive with the classes of one or more cues; each sweep is read once.
 
-    Raw labels are not mended, and raw intensities are vectors of one number.
+    Raw labels keep their speckle, and raw intensities are vectors of one number.
 
     Raises:
         InputError: a file is missing or wrong, or a cue needs a file that the drive does not name.

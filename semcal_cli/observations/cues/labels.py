@@ -10,7 +10,7 @@ from semcal_cli.observations.reading import load_observations, read_observations
 
 
 def observe_labels(drive: Drive, sweeps: SweepCache | None = None, is_raw: bool = False) -> Observations:
-    """Load every frame of a drive with its labels; isolated pixels of raw label images are not mended.
+    """Load every frame of a drive with its labels; isolated pixels of raw label images stay.
 
     Raises:
         InputError: a file is missing or wrong, or one side carries no class.

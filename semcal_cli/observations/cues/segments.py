@@ -21,7 +21,7 @@ from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, Observations
-from semcal_cli.observations.reading import make_observations, mend, read_clouds, read_image_classes
+from semcal_cli.observations.reading import make_observations, read_clouds, read_image_classes, remove_speckle
 
 KINDS = {core.GROUND: "ground", core.OBJECT: "objects"}
 """Names of the kinds of segments."""
@@ -67,7 +67,7 @@ def observe_segments(
 ) -> Observations:
     """Load every frame of a drive, with segments of its sweep instead of point labels.
 
-    Each frame needs a label image; isolated pixels of raw label images are not mended.
+    Each frame needs a label image; isolated pixels of raw label images stay.
 
     Returns:
         Observations whose points have the kind of their segment as class, and the segments as partitions.
@@ -92,7 +92,7 @@ def observe_segments(
         labelled.append(LabelledCloud(in_sweep, classes, partitions=partition))
     names = (list(KINDS.values()), image_class_names)
     observations = make_observations(drive, clouds, moved, labelled, images, names)
-    return observations if is_raw else mend(observations)
+    return observations if is_raw else remove_speckle(observations)
 
 
 def kinds_of_segments(points: npt.NDArray[np.float32]) -> tuple[str, ...]:

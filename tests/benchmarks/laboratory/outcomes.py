@@ -20,7 +20,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import LabelledCloud, Observations
-from semcal_cli.observations.reading import mend, read_observations
+from semcal_cli.observations.reading import read_observations, remove_speckle
 from semcal_cli.pipeline import initialize
 from semcal_cli.pipeline.verification import verify
 from semcal_cli.result.calibration_document import CalibrationDocument
@@ -247,7 +247,7 @@ def run_case(pool: Pool, case: Case) -> list[Outcome]:
             return with_wrong_labels(read_observations(drive), case.noise, rng)
 
         observations = degrade(observations, truth, other, rng)
-    data = replace(data, observations=mend(observations))
+    data = replace(data, observations=remove_speckle(observations))
     is_verified = case.kind == "verify"
     offsets = (AS_IT_IS, TURNED, MOVED[(case.seed + case.draw) % len(MOVED)])
     outcomes = []

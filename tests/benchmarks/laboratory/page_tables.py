@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from semcal_cli.errors import InputError
+from semcal_cli.experiments.experiment_run import MEASURED
+from semcal_cli.experiments.measured import measured_here
 from semcal_cli.files.input_files import read_text
 from semcal_cli.files.output_files import check_replaceable, write_text
 
@@ -92,3 +94,13 @@ def command_line(arguments: Sequence[str]) -> str:
     words = [re.sub(r"(^|^-\w|=)(?:/|\.\./).*/", r"\1", word.rstrip("/")) for word in words]
     command = shlex.join(["python", f"tests/benchmarks/{Path(program).name}", *words])
     return re.sub(r" (?:--into |'?--into=)(?:'[^']*'|[^\s']+'?)", "", command)
+
+
+def read_measured(folder: Path) -> list[str]:
+    """Read where and when the results in a folder were measured; here and now if it keeps no results.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    file = folder / MEASURED
+    return read_text(file).splitlines() if file.exists() else [measured_here()]

@@ -1,4 +1,4 @@
-"""Rates of events among results, with their intervals."""
+"""Rates of events among results with their intervals, and medians with the worst values."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from semcal_cli.experiments.summary import group_results
+from semcal_cli.experiments.summary import group_results, median
 
 Result = TypeVar("Result")
 
@@ -73,3 +73,8 @@ def rates_by(
         rate_of(name.format(value), parts.get(value, []), is_so)
         for value in (parts if values is None else values)
     ]
+
+
+def median_and_worst(values: Sequence[float]) -> tuple[float, float]:
+    """Return the median and the worst of values."""
+    return median(values), max(values)
