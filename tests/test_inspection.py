@@ -8,13 +8,13 @@ from commands import invoke, unwrapped
 from conftest import edited
 
 from semcal_cli.checks.identical_files import find_identical_files
+from semcal_cli.checks.inspection import DriveReport, inspect
 from semcal_cli.checks.motion_report import NO_MOTION
 from semcal_cli.cli.inspect import LABEL_WIDTH
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.image_files import write_image
-from semcal_cli.pipeline.inspection import DriveReport, inspect
 from semcal_cli.synthetic.street_motion import vehicle_motion
 from semcal_cli.synthetic.synthesis import synthesize
 

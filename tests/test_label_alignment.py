@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pytest
 from laboratory.label_errors import imitate_network, with_ragged_things
 
+from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.shifted_labels import check_label_alignment, spread
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import Drive, read_drive
@@ -19,7 +20,6 @@ from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations
 from semcal_cli.pipeline import calibrate
-from semcal_cli.pipeline.inspection import inspect
 from semcal_cli.pipeline.verification import verify
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 

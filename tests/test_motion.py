@@ -9,6 +9,7 @@ import pytest
 from conftest import make_pose, run
 from scipy.linalg import expm
 
+from semcal_cli.checks.inspection import inspect
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.errors import InputError
@@ -19,7 +20,6 @@ from semcal_cli.geometry.poses import quaternion_xyzw
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import read_clouds, read_observations
-from semcal_cli.pipeline.inspection import inspect
 from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 

@@ -9,6 +9,7 @@ import pytest
 
 from semcal_cli import core
 from semcal_cli.api.calls import calibrate
+from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.motion_unstated import check_shutter, check_unstated
 from semcal_cli.config import AdjustmentConfig, CalibrationConfig, RefinementConfig
 from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
@@ -23,7 +24,6 @@ from semcal_cli.observations.motion import delayed, exposed_as, points_at, unrol
 from semcal_cli.observations.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.observations.reading import load_observations, read_clouds
 from semcal_cli.pipeline import refine_and_polish, start_at
-from semcal_cli.pipeline.inspection import inspect
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.overlays import Overlays

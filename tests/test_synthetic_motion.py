@@ -8,13 +8,13 @@ import pytest
 from click.testing import CliRunner
 
 from semcal_cli import core
+from semcal_cli.checks.inspection import inspect
 from semcal_cli.cli.synth import synth
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.observations.reading import read_clouds, read_observations
-from semcal_cli.pipeline.inspection import inspect
 from semcal_cli.synthetic.street_motion import lidar_twist, vehicle_motion
 from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting, synthesize, synthesize_rig
 

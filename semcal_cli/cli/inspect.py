@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from semcal_cli.pipeline.inspection import DriveReport
+    from semcal_cli.checks.inspection import DriveReport
 
 NUM_NAMED = 4
 """Number of classes that the table names, most common first."""
@@ -48,10 +48,10 @@ def inspect(settings: InspectSettings) -> None:
     Among other things, this finds mirrored clouds, a K for another image size, labels that are shifted against their
     points or images, and frames that share files.
     """
+    from semcal_cli.checks.inspection import inspect as look_through
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.many.rig.rig_document import find_rig
-    from semcal_cli.pipeline.inspection import inspect as look_through
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)

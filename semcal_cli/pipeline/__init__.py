@@ -1,4 +1,4 @@
-"""The stages of a calibration in order; a verification, which is built from them; the inspection of a drive."""
+"""The stages of a calibration in order, and a verification, which is built from them."""
 
 from semcal_cli.pipeline.calibration import (
     assess as assess,
