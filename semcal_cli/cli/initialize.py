@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 
@@ -39,7 +40,7 @@ def initialize(settings: InitializeSettings) -> None:
     with loaded_drive(settings, config, outputs, start) as (data, terminal):
         initial = search(data, config.initialization, config.seed, start, on_event=terminal.on_event)
         terminal.print(*hypothesis_lines(initial.hypotheses, verbose=settings.verbose))
-        stages = Stages(initial, of_search=check_mountings(initial))
+        stages = Stages(initial, of_search=check_mountings(initial), max_baseline_m=math.inf)
         calibration = make_calibration(data, stages, config, initial_pose=start)
         calibration = outputs.with_provenance(calibration, data, start)
     sys.exit(outputs.write(calibration, terminal, settings.threads))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -69,7 +68,8 @@ class Stages:
     """Sentences about the data that do not speak against the pose."""
     of_comparison: tuple[Finding, ...] = ()
     """Findings of a comparison of the last pose with something else, such as the poses of other seeds."""
-    max_baseline_m: float = math.inf
+    _: KW_ONLY
+    max_baseline_m: float
     """Distance between camera and LiDAR at which the last pose was held; infinite where it was not."""
     of_search: tuple[Finding, ...] = ()
     """Findings of the search for the mounting."""
