@@ -10,8 +10,8 @@ use crate::label_image::LabelImage;
 /// A pixel is isolated if at most this many of its eight neighbours have its class.
 const MAX_ALIKE: u8 = 1;
 
-/// Gives each isolated pixel the majority class of its neighbours that are not isolated themselves (the lowest in a
-/// tie; its own if there is none), and counts the isolated pixels.
+/// Replaces the class of each isolated pixel by the majority class of its neighbours that are not isolated
+/// themselves (the lowest in a tie; its own if there is none), and counts the isolated pixels.
 pub fn despeckled(image: &LabelImage<u8>) -> (LabelImage<u8>, usize) {
     let isolated = isolated(image);
     let mut ids = image.ids.clone();

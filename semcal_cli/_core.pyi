@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import TypeAlias, final
+from typing import Protocol, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,6 @@ from semcal_cli.config import (
     SensitivityConfig,
 )
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.experiments.soic_config import SoicConfig
-from semcal_cli.labelling.card import NeighborsConfig
-from semcal_cli.observations.cues.segments import SegmentationConfig
 
 _Float64: TypeAlias = NDArray[np.float64]
 _Float32: TypeAlias = NDArray[np.float32]
@@ -113,6 +110,50 @@ NO_PIXEL: int
 """Index of a pixel without a point, or of a point without a pixel."""
 NO_VIEW: int
 """The view of a pixel that is in no view."""
+
+class _DescentConfig(Protocol):
+    """What the core reads of the settings of a descent."""
+
+    @property
+    def step_deg(self) -> float: ...
+    @property
+    def step_m(self) -> float: ...
+    @property
+    def tolerance(self) -> float: ...
+    @property
+    def max_rounds(self) -> int: ...
+    @property
+    def max_restarts(self) -> int: ...
+    @property
+    def max_points(self) -> int: ...
+
+class _SegmentationConfig(Protocol):
+    """What the core reads of the settings of a segmentation."""
+
+    @property
+    def ground_tolerance_m(self) -> float: ...
+    @property
+    def ground_cell_m(self) -> float: ...
+    @property
+    def object_gap_m(self) -> float: ...
+    @property
+    def object_gap_rays(self) -> float: ...
+    @property
+    def object_cell_m(self) -> float: ...
+    @property
+    def min_points(self) -> int: ...
+
+class _Neighbors(Protocol):
+    """What the core reads of the settings of a vote of neighbours."""
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def search(self) -> int: ...
+    @property
+    def sigma_px(self) -> float: ...
+    @property
+    def max_difference_m(self) -> float: ...
 
 @final
 class Camera:
@@ -239,7 +280,7 @@ class SemanticDistance:
         """
     def at(self, t_camera_lidar: _Float64) -> float:
         """Return the mean distance of points inside the image, averaged over classes; infinite without any."""
-    def minimize(self, t_camera_lidar: _Float64, config: SoicConfig) -> DistanceMinimum:
+    def minimize(self, t_camera_lidar: _Float64, config: _DescentConfig) -> DistanceMinimum:
         """Minimise the cost by Powell's method; raises `CalibrationError` if no point is inside the image."""
 
 @final
@@ -744,16 +785,12 @@ def synthetic_classes() -> list[tuple[int, str]]:
 
 @final
 class Up:
-    """The direction away from the ground, and how distinct the ground is. Shares are of the area seen within 30 m."""
+    """The direction away from the ground, and the height above it."""
 
     direction: _Float64
     """(3,) unit vector, LiDAR frame."""
     height_m: float
     """Height of the sensor above the ground, metres."""
-    share_on_plane: float
-    """Share of the area that is on the ground plane."""
-    share_below: float
-    """Share of the area that is clearly below it."""
 
 @final
 class SegmentedSweep:
@@ -803,12 +840,12 @@ def estimate_up(points: Sequence[_Float32]) -> Up | None:
     """
 
 def segment_sweep(
-    points: _Float32, config: SegmentationConfig, up: Sequence[float] | _Float64 | None = None
+    points: _Float32, config: _SegmentationConfig, up: Sequence[float] | _Float64 | None = None
 ) -> SegmentedSweep:
     """Segment a sweep (N, 3), metres, LiDAR frame. Without `up` the direction is estimated from the sweep."""
 
 def segment_sweeps(
-    points: Sequence[_Float32], config: SegmentationConfig, up: Sequence[float] | _Float64 | None = None
+    points: Sequence[_Float32], config: _SegmentationConfig, up: Sequence[float] | _Float64 | None = None
 ) -> list[SegmentedSweep]:
     """Segment a drive's sweeps in parallel. Without `up` the direction is estimated from all of them together."""
 
@@ -908,6 +945,6 @@ class RangeView:
         projection: RangeProjection,
         points: _Float32,
         classes: NDArray[np.uint16],
-        neighbors: NeighborsConfig,
+        neighbors: _Neighbors,
     ) -> NDArray[np.uint16]:
         """Transfer the classes of pixels back to points (N,) by their nearest neighbours; `NO_ID` does not vote."""

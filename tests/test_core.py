@@ -79,7 +79,7 @@ CONFIGS: dict[str, tuple[type, ...]] = {
     "AlignmentConfig": (AlignmentConfig, ExactConfig),
     "PolishConfig": (PolishConfig,),
     "SensitivityConfig": (SensitivityConfig,),
-    "JointConfig": (AscentConfig,),
+    "AscentConfig": (AscentConfig,),
     "RegistrationConfig": (InitializationConfig,),
     "SegmentationConfig": (SegmentationConfig,),
     "DescentConfig": (SoicConfig,),

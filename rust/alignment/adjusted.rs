@@ -88,12 +88,12 @@ mod tests {
     }
 
     #[test]
-    fn it_is_one_where_segments_tell_the_classes_and_nothing_where_null_ones_tell_as_much() {
-        let told = |segment: usize, class: usize| f64::from(segment % 2 == class);
+    fn it_is_one_where_segments_determine_the_classes_and_zero_where_null_ones_do_too() {
+        let determined = |segment: usize, class: usize| f64::from(segment % 2 == class);
         let alike = |_: usize, class: usize| if class < 2 { 0.5 } else { 0.0 };
-        assert!((score(told, alike) - 1.0).abs() < 1e-9);
-        assert!(score(told, told).abs() < 1e-9);
+        assert!((score(determined, alike) - 1.0).abs() < 1e-9);
+        assert!(score(determined, determined).abs() < 1e-9);
         assert!(score(alike, alike).abs() < 1e-9);
-        assert!(score(alike, told) < -0.5);
+        assert!(score(alike, determined) < -0.5);
     }
 }

@@ -28,9 +28,9 @@ const COARSE_TOLERANCE: f64 = 0.1;
 /// Blocks of at most this side, pixels, use all points.
 const FINE: usize = 2;
 
-/// Settings of the ascent: the fields of `JointConfig` in Python, which documents them.
+/// Settings of the ascent: the fields of `AscentConfig` in Python, which documents them.
 #[derive(Clone, Debug)]
-pub struct JointConfig {
+pub struct AscentConfig {
     pub factors: Vec<usize>,
     pub max_coarse_points: usize,
     pub max_rounds: usize,
@@ -62,7 +62,7 @@ pub fn maximise(
     start: &Isometry3<f64>,
     variables: &Variables,
     inverse_curvature: Option<DMatrix<f64>>,
-    config: &JointConfig,
+    config: &AscentConfig,
 ) -> Result<JointMaximum> {
     let mut ascent =
         JointAscent { inverse_curvature, ..JointAscent::new(observations, start, variables, config)? };
@@ -91,7 +91,7 @@ struct Round {
 struct JointAscent<'a> {
     observations: &'a Arc<Observations>,
     variables: &'a Variables,
-    config: &'a JointConfig,
+    config: &'a AscentConfig,
     /// Weight of the penalty on each variable, nats.
     precision: DVector<f64>,
     estimate: Estimate,
@@ -106,7 +106,7 @@ impl<'a> JointAscent<'a> {
         observations: &'a Arc<Observations>,
         start: &Isometry3<f64>,
         variables: &'a Variables,
-        config: &'a JointConfig,
+        config: &'a AscentConfig,
     ) -> Result<Self> {
         let given = Estimate { pose: *start, camera: observations.camera.clone(), offset_s: 0.0 };
         let mut offset_from_prior = DVector::zeros(variables.count());

@@ -6,7 +6,7 @@ use geometry::camera::{Camera, Intrinsic};
 use geometry::se3;
 use nalgebra::{DMatrix, DVector, Isometry3, Point3, Vector6};
 
-use super::joint::{JointConfig, maximise};
+use super::joint::{AscentConfig, maximise};
 use super::level::Level;
 use super::newton::PenalisedInformation;
 use super::projection::Neighbourhood;
@@ -27,8 +27,8 @@ fn variables(observations: &Observations) -> Variables {
     }
 }
 
-fn config(count: usize) -> JointConfig {
-    JointConfig {
+fn config(count: usize) -> AscentConfig {
+    AscentConfig {
         factors: vec![2, 1],
         max_coarse_points: usize::MAX,
         max_rounds: 10,
@@ -100,7 +100,7 @@ fn at_the_longest_baseline_it_settles_higher_than_it_began() {
     observations.camera = observations.camera.changed(changes).expect("a possible camera");
     for max_baseline_m in [0.1, 0.2, 0.3] {
         let config =
-            JointConfig { factors: vec![4, 2, 1], sigmas: vec![10.0; 4], ..config(variables.count()) };
+            AscentConfig { factors: vec![4, 2, 1], sigmas: vec![10.0; 4], ..config(variables.count()) };
         observations.max_baseline_m = max_baseline_m;
         let start = within_baseline(&best, max_baseline_m);
         let found =

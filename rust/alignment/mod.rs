@@ -33,7 +33,7 @@ mod variables;
 pub use anchored::{Anchored, MiniBatch};
 pub use ascent::{AlignmentConfig, Ascended, align, ascend};
 pub use information::{information, information_gains};
-pub use joint::{JointConfig, JointMaximum, maximise};
+pub use joint::{AscentConfig, JointMaximum, maximise};
 pub use lines::{Line, information_along};
 pub use sample::Counted;
 pub use sensitivity::{Sensitivity, SensitivityConfig, sensitivity};

@@ -13,7 +13,7 @@ use crate::agreement::{
     HeldOut, InformationGain, held_out_gain as measure_gain, measure as measure_agreement,
 };
 use crate::alignment::{
-    self, AlignmentConfig, Ascended, Counted, JointConfig, JointMaximum, Line, MAX_VARIABLES, Sensitivity,
+    self, AlignmentConfig, Ascended, AscentConfig, Counted, JointMaximum, Line, MAX_VARIABLES, Sensitivity,
     SensitivityConfig, Variables,
 };
 use crate::observation::Observations;
@@ -253,7 +253,7 @@ pub(super) struct PyJointMaximum {
 pub(super) fn maximise(
     observations: &PyObservations,
     t_camera_lidar: Pose,
-    config: JointConfig,
+    config: AscentConfig,
     intrinsics: Vec<String>,
     twists_per_s: Option<Vec<[f64; 6]>>,
 ) -> PyResult<PyJointMaximum> {
@@ -277,7 +277,7 @@ pub(super) fn maximise(
 }
 
 /// Checks that there is one setting for each variable after the pose.
-fn check_count(config: &JointConfig, count: usize) -> PyResult<()> {
+fn check_count(config: &AscentConfig, count: usize) -> PyResult<()> {
     let found = [config.changes.len(), config.sigmas.len()];
     if found != [count; 2] {
         return Err(value_error(format!("found {found:?} changes and sigmas, needed {count} of each")));

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use streets::{Lidar, Pattern};
 
 use super::calls::value_error;
-use crate::alignment::{AlignmentConfig, JointConfig, SensitivityConfig};
+use crate::alignment::{AlignmentConfig, AscentConfig, SensitivityConfig};
 use crate::labelling::Neighbors;
 use crate::registration::RegistrationConfig;
 use crate::segmentation::SegmentationConfig;
@@ -136,7 +136,7 @@ from_attributes! {
     }
     PolishConfig { max_rounds, max_steps, tolerance_px }
     SensitivityConfig { factor, max_points [AT_LEAST_ONE], regions_across }
-    JointConfig {
+    AscentConfig {
         factors,
         max_coarse_points [AT_LEAST_ONE],
         max_rounds,
@@ -199,7 +199,7 @@ pub(super) struct PolishConfig {
     tolerance_px: f64,
 }
 
-impl From<PolishConfig> for JointConfig {
+impl From<PolishConfig> for AscentConfig {
     fn from(config: PolishConfig) -> Self {
         let PolishConfig { max_rounds, max_steps, tolerance_px: tolerance } = config;
         Self {

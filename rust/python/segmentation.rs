@@ -15,8 +15,6 @@ use crate::segmentation::{self, SegmentationConfig, SegmentedSweep};
 pub(super) struct PyUp {
     direction: Py<PyArray1<f64>>,
     height_m: f64,
-    share_on_plane: f64,
-    share_below: f64,
 }
 
 #[pyclass(name = "SegmentedSweep", frozen)]
@@ -64,12 +62,7 @@ pub(super) fn estimate_up(py: Python<'_>, points: Vec<PyReadonlyArray2<f32>>) ->
     let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
     let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
     let up = detached(|| segmentation::estimate_up(&sweeps));
-    Ok(up.map(|up| PyUp {
-        direction: vector(py, up.direction),
-        height_m: up.height_m,
-        share_on_plane: up.share_on_plane,
-        share_below: up.share_below,
-    }))
+    Ok(up.map(|up| PyUp { direction: vector(py, up.direction), height_m: up.height_m }))
 }
 
 #[pyfunction]

@@ -74,7 +74,7 @@ struct Segments {
 }
 
 impl Segments {
-    /// Gives each piece the next number; `index` maps returns to points.
+    /// Adds each piece as the next segment; `index` maps returns to points.
     fn extend(&mut self, kind: SegmentKind, pieces: Vec<Vec<usize>>, index: &[usize]) {
         for piece in pieces {
             for member in piece {

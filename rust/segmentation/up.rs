@@ -33,17 +33,13 @@ const MAX_SHARE_BELOW: f64 = 0.1;
 const COST_BELOW: f64 = 3.0;
 const NUM_REFINEMENTS: usize = 5;
 
-/// The direction away from the ground, and how distinct the ground is. Shares are of the area seen within 30 m.
+/// The direction away from the ground, and the height above it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Up {
     /// Direction away from the ground, LiDAR frame.
     pub direction: UnitVector3<f64>,
     /// Height of the sensor above the ground, metres.
     pub height_m: f64,
-    /// Share of the area that is on the ground plane.
-    pub share_on_plane: f64,
-    /// Share of the area that is clearly below it.
-    pub share_below: f64,
 }
 
 /// The direction away from the ground of a drive's sweeps; `None` if no plane has nearly all returns on one side.
@@ -131,13 +127,8 @@ impl GroundPlane {
     fn assessed(&self, points: &[Vector3<f64>]) -> Option<Up> {
         let (on, below) = self.count(points);
         let share = |count: usize| count as f64 / points.len() as f64;
-        let up = Up {
-            direction: self.up,
-            height_m: self.height,
-            share_on_plane: share(on),
-            share_below: share(below),
-        };
-        (up.share_on_plane >= MIN_SHARE_ON_PLANE && up.share_below <= MAX_SHARE_BELOW).then_some(up)
+        let is_distinct = share(on) >= MIN_SHARE_ON_PLANE && share(below) <= MAX_SHARE_BELOW;
+        is_distinct.then_some(Up { direction: self.up, height_m: self.height })
     }
 }
 
