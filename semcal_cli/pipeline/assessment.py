@@ -78,9 +78,8 @@ def assess(
         can_bleed = with_label_bleed and data.policy.has_label_bleed
         assessment = _judge(pose, with_label_bleed=can_bleed)
     if data.coarse_cue is not None and data.policy.needs_near_start:
-        assessment = assessment.with_measured(
-            check_coarse_cue(data.coarse_cue, T, stages.initial.T_camera_lidar)
-        )
+        by_coarse_cue = check_coarse_cue(data.coarse_cue, T, stages.initial.T_camera_lidar)
+        assessment = assessment.with_measured(by_coarse_cue)
     stages = replace(stages, assessment=assessment)
     doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))
