@@ -87,5 +87,7 @@ try:
         turned_partitions as turned_partitions,
         unroll as unroll,
     )
-except ModuleNotFoundError:
+except ModuleNotFoundError as error:
+    if error.name != "semcal_cli._core":
+        raise  # the core is there, and lacks a library
     raise ImportError(f"{Path(__file__).parent}: {NO_CORE}", name="semcal_cli") from None
