@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from pydantic_core import to_jsonable_python
 
-from semcal_cli.config import (
-    CalibrationConfig,
-)
+from semcal_cli.config import CalibrationConfig
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting import Mounting
 from semcal_cli.observations.cues.cue_table import files_of, recorded_options
 from semcal_cli.observations.loading import LoadedDrive
-from semcal_cli.pipeline.assessment import assess as assess
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.provenance import describe_input, versions
