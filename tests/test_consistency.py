@@ -10,6 +10,7 @@ from semcal_cli import core
 from semcal_cli.checks.families import check_consistency
 from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
+from semcal_cli.estimation.adjust.intrinsics_estimate import estimate_intrinsics
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import refine_exactly
 from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics
@@ -103,9 +104,9 @@ def test_wrong_intrinsics_are_named(
         rf"the focal length looks wrong, since points and images agree \d+\.\d% better with fx and fy 7% {right}: ",
         focal,
     )
-    around = around_intrinsics(seen, T)
-    (intrinsics,) = findings_among(check_intrinsics(around, seen.camera, len(set(seen.scenes))))
-    assert intrinsics.sentence.startswith("the intrinsics look wrong")
+    estimate = estimate_intrinsics(seen, T, around_intrinsics(seen, T))
+    (intrinsics,) = findings_among(check_intrinsics(estimate))
+    assert re.match(r"the frames contradict the intrinsics: f[xy] should be ", intrinsics.sentence)
 
 
 @pytest.mark.parametrize(

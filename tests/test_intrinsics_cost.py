@@ -1,14 +1,18 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from semcal_cli.checks.implausible_intrinsics import implausible_intrinsics, notes_on_intrinsics
-from semcal_cli.checks.wrong_intrinsics import check_intrinsics
-from semcal_cli.config import PolishConfig
-from semcal_cli.drive.camera import Camera, IntrinsicsSigma
+from semcal_cli.checks.wrong_intrinsics import check_intrinsics, checked_intrinsics, note_on_checked
+from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
+from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_value, with_intrinsics
+from semcal_cli.drive.document import read_drive
+from semcal_cli.estimation.adjust.intrinsics_estimate import estimate_intrinsics
 from semcal_cli.estimation.adjust.priors import Prior, fuse_with_priors
 from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.pyramid import refine_exactly
 from semcal_cli.estimation.uncertainty.covariance import MANY, Matrix, estimate_uncertainty
 from semcal_cli.estimation.uncertainty.intrinsics import (
     around_intrinsics,
@@ -19,6 +23,7 @@ from semcal_cli.estimation.uncertainty.intrinsics import (
 from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.cues.edges import STARTS, observe_edges
 from semcal_cli.observations.observations import Observations
 
 CONFIG = PolishConfig()
@@ -110,15 +115,43 @@ def test_labels_with_stated_errors_of_k_weigh_less_than_a_prior(
     assert (of_unsure < prior.sigmas).all()
 
 
-def test_a_good_camera_is_not_doubted(street_observations: Observations, polished: Pose) -> None:
+def test_a_good_camera_is_confirmed(street_observations: Observations, polished: Pose) -> None:
     around = around_intrinsics(street_observations, polished)
-    assert (
-        findings_among(
-            check_intrinsics(around, street_observations.camera, len(set(street_observations.scenes)))
-        )
-        == ()
-    )
+    estimate = estimate_intrinsics(street_observations, polished, around)
+    assert findings_among(check_intrinsics(estimate)) == ()
+    checked = checked_intrinsics(estimate)
+    assert checked is not None
+    assert checked.is_confirmed
+    assert note_on_checked(checked).startswith("these frames confirm cx to +- ")
     assert notes_on_intrinsics(street_observations.camera, None) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "off"), [("cx", 20.0), ("cx", -25.0), ("cy", 22.0), ("fx", 20.0), ("fy", -20.0), ("k1", 0.1)]
+)
+def test_a_wrong_intrinsic_is_named_with_its_value(
+    street_observations: Observations, street_truth: Pose, name: str, off: float
+) -> None:
+    """Also cy, which a pitch imitates: the pose is 2 degrees off, and the polish has settled there."""
+    camera = street_observations.camera
+    given = intrinsic_value(camera, name)
+    seen = replace(street_observations, camera=with_intrinsics(camera, {name: given + off}))
+    refined = refine_exactly(seen, street_truth, ExactConfig(), PyramidConfig(coarsest_block_deg=3.0))
+    assert refined is not None
+    T = newton(seen, refined.T_camera_lidar, CONFIG).T_camera_lidar
+    estimate = estimate_intrinsics(seen, T, around_intrinsics(seen, T))
+    (finding,) = findings_among(check_intrinsics(estimate))
+    assert estimate is not None
+    assert [*estimate.given][int(estimate.deviations.argmax())] == name
+    assert finding.sentence.startswith(f"the frames contradict the intrinsics: {name} should be ")
+    index = [*estimate.given].index(name)
+    assert estimate.changes[index] == pytest.approx(-off, abs=3.0 * estimate.sigmas[index])
+
+
+def test_a_single_frame_does_not_confirm_k_by_edges(street: Path, street_truth: Pose) -> None:
+    one = replace(observe_edges(read_drive(street)), starts=STARTS).of_frames([0])
+    assert estimate_intrinsics(one, street_truth, around_intrinsics(one, street_truth)) is None
+    assert note_on_checked(None).startswith("K was not checked")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::joint::CONSTANT_RADIUS;
 use super::level::Level;
-use super::newton::HALF_WIDTH;
+use super::newton::{HALF_WIDTH, unit_steps};
 use super::projection::{MAX_WIDTH, Neighbourhood, Projection};
 use super::sample::{Counted, Sample, Weights};
 use super::selection::{Selection, in_view};
@@ -23,6 +23,10 @@ use super::variables::{Estimate, Variables};
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
+
+/// Longest change of an intrinsic or of the time offset in a step: that which moves the points by this many blocks
+/// while the pose stays.
+const MAX_BLOCKS: f64 = 20.0;
 
 /// Scores and curvature with respect to the variables: a twist on the left of the pose (metres and radians), and
 /// others.
@@ -197,19 +201,18 @@ impl Problem<'_> {
         Shares { of_frames: of_frames / total, of_classes: of_classes / total }
     }
 
-    /// Steps, as columns, that each move the points by one block, root mean square. Those of the pose do so
-    /// independently of one another.
+    /// Steps, as columns, that each move the points by one block, root mean square, independently of one another.
+    ///
+    /// A shift of the principal point and the rotation that nearly cancels it become one strong and one weak motion,
+    /// so that the curvature along the weak one is no small difference of large ones.
     fn unit_steps(&self, motions: &DMatrix<f64>, pose: &Isometry3<f64>) -> Option<DMatrix<f64>> {
-        let mut steps = DMatrix::zeros(self.n, self.n);
-        steps.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.level.preconditioner(self.samples, pose)?);
-        for axis in 6..self.n {
-            let pixels = motions[(axis, axis)].sqrt();
-            if !(pixels.is_finite() && pixels > 0.0) {
-                return None;
-            }
-            steps[(axis, axis)] = self.level.factor as f64 / pixels;
+        if self.n == 6 {
+            let steps = self.level.preconditioner(self.samples, pose)?;
+            return Some(DMatrix::from_fn(6, 6, |i, j| steps[(i, j)]));
         }
-        Some(steps)
+        let motions = motions / (self.level.factor as f64).powi(2);
+        let longest: Vec<_> = (6..self.n).map(|axis| MAX_BLOCKS / motions[(axis, axis)].sqrt()).collect();
+        longest.iter().all(|sigma| sigma.is_finite()).then(|| unit_steps(&motions, &longest)).flatten()
     }
 }
 

@@ -1,108 +1,139 @@
-"""Whether labels would change fx, fy, cx, cy and k1 if these were free."""
+"""Whether the frames contradict fx, fy, cx, cy or k1 of the drive, and how large an error of K they would show."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import format_against_limit
-from semcal_cli.estimation.uncertainty.intrinsics import INTRINSICS
-from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity
-from semcal_cli.findings.check import Check, Measured
+from semcal_cli.estimation.adjust.intrinsics_estimate import IntrinsicsEstimate
+from semcal_cli.findings.check import Check, Limit, Measured
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.phrases import OR_ESTIMATE_K
-from semcal_cli.geometry.arrays import Matrix
+from semcal_cli.geometry.arrays import Numbers
+from semcal_cli.result.refined_camera import CheckedIntrinsics, Intrinsic
+from semcal_cli.result.uncertainty import figure
 
 WRONG_INTRINSICS = Check(
     topic="intrinsics",
     advice=(
-        "check K and the distortion, and that K belongs to images of this size, or calibrate the lens again, "
-        f"{OR_ESTIMATE_K}"
+        "check that the images were not cropped or resized after K was measured, that K is the camera_info of this "
+        f"camera and mode, and that rectified images state no distortion, {OR_ESTIMATE_K}"
     ),
     entry=Entry(
         title="The intrinsics look wrong",
         section=PageSection.CAMERA,
         quotes=(
             (
-                "the intrinsics look wrong (cx by 6.1 standard errors), since freeing them would move "
-                "points by 14 pixels or more, chi-square 61 with 5 degrees of freedom, needed at most 12: "
-                "check K and the distortion, and that K belongs to images of this size, or calibrate the "
-                "lens again, or calibrate with --refine-intrinsics fx,fy,cx,cy"
+                "the frames contradict the intrinsics: cx should be 614 +- 7.5 instead of 639.6, 6.8 standard "
+                "errors away, needed at most 3: check that the images were not cropped or resized after K was "
+                "measured, that K is the camera_info of this camera and mode, and that rectified images state no "
+                "distortion, or calibrate with --refine-intrinsics fx,fy,cx,cy"
             ),
         ),
         meaning=(
-            "If fx, fy, cx, cy and k1 were free together with the pose, the labels would change them a lot."
+            "If fx, fy, cx, cy and k1 are free together with the pose, points and images agree best far from the "
+            "values of the drive. The worst one is named first."
         ),
         cause=(
-            "The principal point is wrong, distortion is missing or applied twice (rectified images), "
-            "or images are cropped."
+            "Images were cropped, resized or binned and K was not, K belongs to another camera or mode, or the "
+            "distortion of the raw images is stated for rectified ones."
         ),
         remedy=(
-            "Check whether the images are raw or rectified, and that K and `distortion` belong to "
-            "them. If they do, calibrate with the option in the advice, with `k1` and other "
+            "Compare K with the size of the images, and find out whether they are raw or rectified. If K and "
+            "`distortion` belong to them, calibrate with the option in the advice, with `k1` and other "
             "coefficients where distortion may be wrong: [when K or the clock is "
             "wrong](calibrating.md#when-k-or-the-clock-is-wrong)."
         ),
         figure=(
-            "Score of the freed intrinsics (chi-square with 5 degrees of freedom, for many frames), "
-            "and movement of the points relative to the image width. The check needs a pose that is "
-            "determined."
+            "Difference of the estimate from the drive's value. Its standard error includes what drives with a right "
+            "K ask for: 0.35 pixels that all scenes share and, by edges, 1.5 pixels of each scene. The check needs a "
+            "pose that fits, and by edges four scenes."
         ),
     ),
+    settings={
+        "rotation": Limit(
+            at_most=1.5,
+            unit="degrees",
+            source=(
+                "K is not confirmed if an error of it within the limit turns the camera farther; 20 pixels turn "
+                "KITTI's by 1.6"
+            ),
+        ),
+        "position": Limit(
+            at_most=0.3,
+            unit="m",
+            source="K is not confirmed if an error of it within the limit moves the camera farther",
+        ),
+    },
 )
-MIN_FALL = 0.2
-"""Curvature floor along a change of the intrinsics in pixels, relative to the median of the pose's six curvatures.
-Along some changes the information hardly falls, or even rises, and an undamped step would be arbitrarily long."""
-FEW_FRAMES = 4
-"""Number of frames, or fewer, with which the limit is twice that of many. The score scatters more widely than
-chi-square with five degrees of freedom: squares of one image depend on one another, so few frames are few independent
-parts (Hotelling), and blocks of pixels leave a bias of fy."""
-SHARED_FRAMES = 24.0
-"""Effective number of independent frames in infinitely many frames of one drive, because they share errors. With what
-the points of a class share in its place, and with errors that K may have, a limit that none of 72 good runs exceeds
-found a focal length that is 1 % off in 0 and 6 % of the runs of 5 and 20 frames, instead of 19 and 11 %: few classes
-bound the score."""
-MIN_PX = 3.0
-"""Smallest limit of the movement of the points by freed intrinsics, in pixels, because blocks of pixels leave a bias of
-about one pixel."""
 
 
-def check_intrinsics(around: Sensitivity | None, camera: Camera, num_scenes: int) -> tuple[Measured, ...]:
-    """Test whether the mutual information rises with fx, fy, cx, cy and k1 free and the pose following them.
-
-    It is Rao's score test, robust to points that depend on one another. Both limits must be exceeded: that of chance
-    for the score, and that of ordinary cameras in pixels.
-    """
-    if around is None or not around.is_determined:
+def check_intrinsics(estimate: IntrinsicsEstimate | None) -> tuple[Measured, ...]:
+    """Compare the intrinsics that the frames ask for with those of the drive; the farthest off is named first."""
+    if estimate is None:
         return ()
-    pose, free = slice(0, 6), slice(6, None)
-    H, motions = around.curvature, around.motions
-    following = -np.linalg.solve(H[pose, pose], H[pose, free])
-    jacobian = np.vstack([following, np.eye(H.shape[0] - 6)])
-    score = around.scores.sum(axis=0) @ jacobian
-    covariance = around.noise(jacobian)[0] * (1.0 + num_scenes / SHARED_FRAMES)
-    chi2 = float(score @ np.linalg.solve(covariance, score))
-    curvature = H[free, free] + H[free, pose] @ following
-    inverse = np.linalg.pinv(curvature)
-    sigmas = np.sqrt(np.maximum(np.diag(inverse @ covariance @ inverse.T), np.finfo(float).tiny))
-    deviations = np.abs(np.linalg.lstsq(curvature, score)[0]) / sigmas
-    scale = 1.0 / np.sqrt(np.diag(motions)[pose])
-    usual = float(np.median(np.linalg.eigvalsh(H[pose, pose] * np.outer(scale, scale))))
-    moved_px = _damped_px(score, curvature, jacobian.T @ motions @ jacobian, MIN_FALL * usual)
-    limit = WRONG_INTRINSICS.limit("chi-square") * (1.0 + FEW_FRAMES / max(num_scenes, FEW_FRAMES))
-    limit_px = max(WRONG_INTRINSICS.limit("movement") * camera.width, MIN_PX)
-    changes = [f"{name} by {off:.1f}" for name, off in zip(INTRINSICS, deviations, strict=True) if off > 2.0]
-    which = f" ({', '.join(changes)} standard errors)" if changes else ""
-    chi2_text, most = format_against_limit(chi2, limit)
-    sentence = (
-        f"the intrinsics look wrong{which}, since freeing them would move points by {moved_px:.0f} pixels or more, "
-        f"chi-square {chi2_text} with 5 degrees of freedom, needed at most {most}"
+    limit, deviations, words = WRONG_INTRINSICS.limit(), estimate.deviations, list[str]()
+    for index in np.argsort(-deviations):
+        if deviations[index] > limit or not words:
+            name = [*estimate.given][index]
+            given, half = estimate.given[name], 1.96 * estimate.sigmas[index]
+            digits = max(0, 1 - int(np.floor(np.log10(half)))) if np.isfinite(half) and half > 0.0 else 1
+            found = f"{given + estimate.changes[index]:.{digits}f} +- {half:.{digits}f}"
+            words.append(
+                f"{name} should be {found} instead of {given:.{max(digits, 1)}f}, {deviations[index]:.1f} standard "
+                "errors away"
+            )
+    sentence = f"the frames contradict the intrinsics: {', '.join(words)}, needed at most {limit:g}"
+    return (WRONG_INTRINSICS.measured(float(deviations.max()), sentence),)
+
+
+def checked_intrinsics(estimate: IntrinsicsEstimate | None) -> CheckedIntrinsics | None:
+    """State what the frames say of each intrinsic, and whether they would show an error that matters."""
+    if estimate is None:
+        return None
+    intrinsics = {}
+    for (name, given), change, sigma in zip(
+        estimate.given.items(), estimate.changes.tolist(), estimate.sigmas.tolist(), strict=True
+    ):
+        is_determined = bool(np.isfinite(sigma))
+        intrinsics[name] = Intrinsic(
+            given=given,
+            found=given + change if is_determined else given,
+            sigma=sigma if is_determined else None,
+            half_width_95=1.96 * sigma if is_determined else None,
+            is_determined=is_determined,
+        )
+    return CheckedIntrinsics(intrinsics=intrinsics, is_confirmed=_is_confirmed(estimate))
+
+
+def _is_confirmed(estimate: IntrinsicsEstimate) -> bool:
+    """Whether every error of the intrinsics that moves the pose far would be beyond the limit."""
+    if not (estimate.is_settled and np.isfinite(estimate.sigmas).all()):
+        return False
+    unseen = estimate.compensation * (WRONG_INTRINSICS.limit() * estimate.sigmas)
+    position_m, rotation_deg = _lengths(unseen[:3]), np.degrees(_lengths(unseen[3:]))
+    return bool(
+        position_m.max() <= WRONG_INTRINSICS.limit("position")
+        and rotation_deg.max() <= WRONG_INTRINSICS.limit("rotation")
     )
-    return (WRONG_INTRINSICS.measured(min(chi2 / limit, moved_px / limit_px), sentence),)
 
 
-def _damped_px(score: Matrix, curvature: Matrix, motions: Matrix, min_curvature: float) -> float:
-    """Compute the length of a Newton step in pixels, with curvatures of at least `min_curvature` per square pixel."""
-    root = np.linalg.inv(np.linalg.cholesky(motions))
-    bends, directions = np.linalg.eigh(root @ curvature @ root.T)
-    return float(np.linalg.norm(directions.T @ root @ score / np.maximum(bends, min_curvature)))
+def _lengths(vectors: Numbers) -> Numbers:
+    return np.asarray(np.linalg.norm(vectors, axis=0))
+
+
+def note_on_checked(checked: CheckedIntrinsics | None) -> str:
+    """Say to how many pixels and percent the frames confirm K, or that they do not."""
+    if checked is None:
+        return "K was not checked: these frames do not determine it"
+    if not checked.is_confirmed:
+        return "K was checked, but these frames would not show every error of it that moves the pose far"
+    widths = [
+        f"{name} to +- {figure(half)} px"
+        for name in ("cx", "cy")
+        if (half := checked.intrinsics[name].half_width_95) is not None
+    ] + [
+        f"{name} to +- {figure(100.0 * half / checked.intrinsics[name].given)} %"
+        for name in ("fx", "fy")
+        if (half := checked.intrinsics[name].half_width_95) is not None
+    ]
+    return f"these frames confirm {', '.join(widths)}"

@@ -76,7 +76,14 @@ def figures(calibration: CalibrationDocument) -> str:
     if calibration.status == "not_trusted":
         return counted(len(calibration.reasons), "doubt")
     uncertainty = calibration.believed_uncertainty
-    return "" if uncertainty is None else stated_error(uncertainty, calibration.used_camera)
+    if uncertainty is None:
+        return ""
+    error = stated_error(uncertainty, calibration.used_camera)
+    return (
+        error
+        if calibration.is_camera_confirmed
+        else f"{error}, if K is right, which these frames do not show"
+    )
 
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:

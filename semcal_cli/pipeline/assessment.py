@@ -16,14 +16,17 @@ from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
 from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.checks.moved_camera import check_frames
 from semcal_cli.checks.odd_frames import check_pairs
+from semcal_cli.checks.other_azimuth import OTHER_AZIMUTH
 from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.checks.scale import check_scale
 from semcal_cli.checks.shifted_labels import check_label_alignment
-from semcal_cli.checks.wrong_intrinsics import check_intrinsics
+from semcal_cli.checks.wrong_intrinsics import check_intrinsics, checked_intrinsics, note_on_checked
+from semcal_cli.checks.wrong_pairing import WRONG_PAIRING
 from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import K_ENTRIES, sigma_of
 from semcal_cli.errors import counted
 from semcal_cli.estimation.adjust.clock import KNOW_MOTION, ClockUncertainty, notes_on_clock
+from semcal_cli.estimation.adjust.intrinsics_estimate import estimate_intrinsics
 from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
 from semcal_cli.estimation.uncertainty.covariance import (
     estimate_uncertainty,
@@ -39,7 +42,7 @@ from semcal_cli.estimation.uncertainty.intrinsics import (
 from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.findings.check import Measured
+from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.stages import Assessment, Stages
@@ -48,6 +51,8 @@ from semcal_cli.threads import thread_pool
 
 ADVICE_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
+WRONG_POSE = (OTHER_AZIMUTH.topic, WRONG_PAIRING.topic)
+"""Topics of findings that say that the pose itself is wrong."""
 
 
 def assess(
@@ -192,13 +197,16 @@ def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
         of_consistency = pool.submit(check_consistency, of_checks, T, with_clock=pose.tells_clock)
         of_scale = pool.submit(check_scale, of_checks)
         of_pose = pool.submit(_uncertainty, pose, with_label_bleed=with_label_bleed)
-        frames, uncertainty = of_frames.result(), of_pose.result()
-        assessment = frames.with_measured(
-            *of_consistency.result(),
-            *check_rivals(data.observations, T, uncertainty, with_priors=with_priors),
-            *check_intrinsics(around, camera, of_checks.num_cues * len(set(of_checks.scenes))),
-        )
-        notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
+        frames, uncertainty, consistency = of_frames.result(), of_pose.result(), of_consistency.result()
+        rivals = check_rivals(data.observations, T, uncertainty, with_priors=with_priors)
+        # Where the pose itself is wrong, its surroundings say nothing about K.
+        is_lost = any(finding.topic in WRONG_POSE for finding in findings_among(consistency))
+        estimate = None if is_lost else estimate_intrinsics(of_checks, T, around)
+        assessment = frames.with_measured(*consistency, *rivals, *check_intrinsics(estimate))
+        checked = checked_intrinsics(estimate)
+        of_K = (note_on_checked(checked), *notes_on_intrinsics(camera, cost))
+        notes = (*frames.notes, *of_K, *of_scale.result())
+    assessment = replace(assessment, checked_intrinsics=checked)
     if uncertainty is None:
         undetermined = check_uncertainty(None, with_priors=with_priors)
         return replace(assessment, findings=(*undetermined, *assessment.findings), notes=notes)

@@ -51,6 +51,7 @@ def make_calibration(
         uncertainty=stages.uncertainty,
         repeatability=stages.repeatability,
         camera=None if joint is None else joint.camera,
+        checked_intrinsics=None if assessment is None else assessment.checked_intrinsics,
         clock=None if joint is None else joint.clock,
         polish=None if stages.polished is None else stages.polished.held_out,
         hypotheses=() if stages.searched is None else tuple(map(_hypothesis, stages.searched.hypotheses)),

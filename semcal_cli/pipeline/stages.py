@@ -19,6 +19,7 @@ from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
+from semcal_cli.result.refined_camera import CheckedIntrinsics
 from semcal_cli.result.sections import DrivePart, Quality, Repeatability, Stage
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -37,6 +38,8 @@ class Assessment:
     """Parts of the drive, if its frames fit several poses."""
     measured: tuple[Measured, ...] = ()
     """What the checks measured, whether or not it is beyond their limits."""
+    checked_intrinsics: CheckedIntrinsics | None = None
+    """What the frames say of the intrinsics; None if they determine none."""
     of_motion: npt.NDArray[np.float64] | None = None
     """(6, 6) part of the covariance of the pose by the clock and the motion that stay as the drive says; None if there
     is none."""

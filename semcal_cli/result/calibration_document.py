@@ -25,7 +25,7 @@ from semcal_cli.files.validation import (
 )
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
-from semcal_cli.result.refined_camera import Clock, RefinedCamera
+from semcal_cli.result.refined_camera import CheckedIntrinsics, Clock, RefinedCamera
 from semcal_cli.result.sections import (
     DrivePart,
     HeldOut,
@@ -85,6 +85,8 @@ class CalibrationDocument(StrictModel):
     """Uncertainty of the pose; null if the pose was not assessed or the data do not determine it."""
     camera: RefinedCamera | None = None
     """Camera that was estimated together with the pose; null if its intrinsics were assumed to be right."""
+    checked_intrinsics: CheckedIntrinsics | None = None
+    """What the frames say of the intrinsics; null if the frames determine none, or the pose was not assessed."""
     clock: Clock | None = None
     """Time offset of the camera; null if it was not estimated."""
     repeatability: Repeatability | None = None
@@ -156,6 +158,11 @@ class CalibrationDocument(StrictModel):
     def trusted(self) -> bool:
         """Whether the pose was assessed, and nothing speaks against it."""
         return self.status == "trusted"
+
+    @property
+    def is_camera_confirmed(self) -> bool:
+        """Whether the frames confirm the intrinsics well enough for the interval to hold without trusting K."""
+        return self.checked_intrinsics is not None and self.checked_intrinsics.is_confirmed
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:

@@ -61,6 +61,16 @@ class Intrinsic(StrictModel):
         return self
 
 
+class CheckedIntrinsics(StrictModel):
+    """What the frames say of the intrinsics of the drive, which the transform belongs to."""
+
+    intrinsics: Annotated[dict[str, Intrinsic], Field(min_length=1)]
+    """Estimates by name: fx, fy, cx, cy in pixels, and k1 where the lens has it."""
+    is_confirmed: bool
+    """Whether the frames would show every error of these intrinsics that turns the camera by more than 1.5 degrees or
+    moves it by more than 0.3 m. If not, the interval of the transform holds only if K is right."""
+
+
 class RefinedCamera(StrictModel):
     """Camera whose intrinsics were estimated together with the pose."""
 

@@ -112,6 +112,23 @@ class Sensitivity:
         return bool(bends[0] > 0.0 and len(self.num_alike) > 6 + 1)
 
     @property
+    def is_maximum(self) -> bool:
+        """Whether the mutual information falls in every direction of all variables together."""
+        scale = 1.0 / np.sqrt(np.diag(self.motions))
+        return bool(np.linalg.eigvalsh(self.curvature * np.outer(scale, scale))[0] > 0.0)
+
+    def of_first(self, count: int) -> Sensitivity:
+        """Return the sensitivity to the first variables, with the others fixed."""
+        kept = slice(0, count)
+        return replace(
+            self,
+            curvature=self.curvature[kept, kept],
+            class_curvatures=self.class_curvatures[:, kept, kept],
+            scores=self.scores[:, kept],
+            motions=self.motions[kept, kept],
+        )
+
+    @property
     def influence(self) -> Matrix:
         """Influence (n, n) of a score on the optimum: the inverse of the curvature."""
         return np.asarray(np.linalg.inv(self.curvature), np.float64)

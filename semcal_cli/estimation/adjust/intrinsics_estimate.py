@@ -1,0 +1,160 @@
+"""What frames say of the intrinsics of a drive: a joint ascent over pose and intrinsics from a polished pose.
+
+`adjust.joint` replaces the intrinsics on request. This estimate only tests them, in a tenth of the time: it climbs two
+levels, holds nothing out, and takes its errors from the geometry of the points.
+
+An error of the intrinsics that the pose cannot imitate moves points in the image. `M = mean(J^T J)`, over the Jacobians
+`J` of the points' pixels by pose and intrinsics, tells how far: if points are misaligned by a pixel, root mean square,
+the intrinsics may be off by the roots of the diagonal of `M^-1`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from semcal_cli import core
+from semcal_cli.config import AscentConfig
+from semcal_cli.drive.camera import (
+    K_ENTRIES,
+    Camera,
+    core_name,
+    intrinsic_names,
+    intrinsic_value,
+    with_all_coefficients,
+)
+from semcal_cli.estimation.adjust.joint_fit import MIN_EVIDENCE, Variables, adjust_observations
+from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics
+from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity
+from semcal_cli.geometry.arrays import Matrix, Numbers, Pose
+from semcal_cli.observations.observations import Observations
+
+LEVELS = (4, 2)
+"""Sides of the blocks of the ascent, pixels. From K that is 20 pixels or 3 % off it ends within 2 pixels of where it
+ends from the right K, on each of three KITTI sets (`tests/benchmarks/intrinsics.py`). A level of 8 pixels before them
+changes that by less than a pixel, and one of single pixels takes twice the time."""
+FOCAL_SIGMA, CENTER_SIGMA, LENS_SIGMA = 0.05, 0.03, 0.1
+"""Standard deviations of the priors that hold what the frames do not determine: relative, as a share of the image's
+width, and of the first radial coefficient. Errors of a camera whose images are used are smaller."""
+SHARED_PX, SCENE_PX = 0.35, 1.5
+"""Misalignment of the points, root mean square, that all scenes share, and that each scene has of its own where edges
+are compared. On halves and thirds of three KITTI sets with their right K, estimates are off by 3 times what they give
+at most (`tests/benchmarks/intrinsics.py`)."""
+SHARE_OF_CY = 0.27
+"""The same for cy, relative to the others: vertical edges, which are sharp, distinguish cy from a pitch by columns. On
+the same drives it scatters by 3 pixels, where the misalignment of the points would allow 10."""
+MIN_SCENES = 4
+"""Least number of scenes where edges are compared: with fewer, cx of a right K was off by 14 pixels."""
+NEAR = 2.0
+"""Deviations in standard errors up to which a step of Newton's method stands for the ascent; a check
+allows 3."""
+SETTLED_PX = 0.1
+"""An ascent has settled if its last round moved the points by no more than this, as a polish has."""
+
+
+@dataclass(frozen=True)
+class IntrinsicsEstimate:
+    """Intrinsics that the frames ask for, and how far these may be off."""
+
+    given: Mapping[str, float]
+    """Values that the drive states, by name."""
+    changes: Numbers
+    """(n,) estimates minus given values."""
+    sigmas: Numbers
+    """(n,) standard errors; infinite where the frames determine nothing."""
+    compensation: Matrix
+    """(6, n) twist of the pose, metres and radians, that best hides a unit of each intrinsic."""
+    is_settled: bool = True
+    """Whether the ascent ended at a maximum."""
+
+    @property
+    def deviations(self) -> Numbers:
+        """(n,) sizes of the changes in standard errors."""
+        return np.asarray(np.abs(self.changes) / self.sigmas)
+
+
+def estimate_intrinsics(
+    observations: Observations, T_camera_lidar: Pose, around: Sensitivity | None
+) -> IntrinsicsEstimate | None:
+    """Estimate the intrinsics together with the pose, from near the maximum.
+
+    By labels, one step of Newton's method shows whether the maximum is near. Edges are too rough for that.
+
+    Args:
+        observations: Observations of one cue.
+        T_camera_lidar: (4, 4) polished pose, metres.
+        around: Result of `around_intrinsics` there.
+
+    Returns:
+        The estimate; None if the frames determine none. Where the ascent ends lower than it began, the given values
+        explain the frames better than all others that it met, and stay.
+    """
+    names = _names(observations.camera)
+    is_rough = observations.is_multimodal
+    if around is None or not names or (is_rough and len(set(observations.scenes)) < MIN_SCENES):
+        return None
+    given = {name: intrinsic_value(observations.camera, name) for name in names}
+    around = around.of_first(6 + len(names))
+    if not is_rough and around.is_maximum:
+        step = around.scores.sum(axis=0) @ around.influence
+        near = _estimate(given, step[6:], around, observations)
+        if np.all(near.deviations < NEAR):
+            return near
+    seen = replace(observations, camera=with_all_coefficients(observations.camera, names))
+    ascent = _ascend(seen, T_camera_lidar, names)
+    changes = np.array(ascent.changes)
+    adjusted = adjust_observations(seen, Variables(names, with_delay=False), changes)
+    is_higher = _information(adjusted, ascent.T_camera_lidar) > _information(seen, T_camera_lidar)
+    if is_higher and not is_rough:
+        at_end = around_intrinsics(adjusted, ascent.T_camera_lidar)
+        around = around if at_end is None else at_end.of_first(6 + len(names))
+    estimate = _estimate(given, changes if is_higher else np.zeros(len(names)), around, observations)
+    return replace(estimate, is_settled=ascent.moved_px <= SETTLED_PX)
+
+
+def _names(camera: Camera) -> tuple[str, ...]:
+    """Name the intrinsics that are tested: those of K, and the first radial coefficient where the lens has one."""
+    if camera.model == "equirectangular":
+        return ()  # Its K follows from the size of the image.
+    return (*K_ENTRIES, "k1") if "k1" in intrinsic_names(camera.model) else tuple(K_ENTRIES)
+
+
+def _ascend(observations: Observations, T_camera_lidar: Pose, names: tuple[str, ...]) -> core.JointMaximum:
+    """Climb from the given intrinsics, on blocks of pixels."""
+    camera = observations.camera
+    sigmas = dict.fromkeys(("cx", "cy"), CENTER_SIGMA * camera.width)
+    sigmas |= {name: FOCAL_SIGMA * intrinsic_value(camera, name) for name in ("fx", "fy")}
+    settings = AscentConfig(
+        factors=LEVELS,
+        changes=(0.0,) * len(names),
+        sigmas=tuple(sigmas.get(name, LENS_SIGMA) for name in names),
+        evidence=MIN_EVIDENCE,
+    )
+    variables = [core_name(camera, name) for name in names]
+    return core.maximise(observations.core, T_camera_lidar, settings, variables, None)
+
+
+def _estimate(
+    given: Mapping[str, float], changes: Numbers, around: Sensitivity, observations: Observations
+) -> IntrinsicsEstimate:
+    """Add standard errors, from the geometry of the points, and by labels from the scatter of the scores."""
+    pose, free = slice(0, 6), slice(6, None)
+    motions = around.motions
+    compensation = -np.linalg.solve(motions[pose, pose], motions[pose, free])
+    by_px = np.sqrt(np.diag(np.linalg.inv(motions))[free])
+    by_px[list(given).index("cy")] *= SHARE_OF_CY
+    if observations.is_multimodal:
+        chance = SCENE_PX * by_px / np.sqrt(len(set(observations.scenes)))
+    elif around.is_maximum:
+        chance = np.sqrt(np.diag(around.scatter(around.influence).covariance)[free])
+    else:
+        chance = np.full(len(given), np.inf)
+    return IntrinsicsEstimate(given, changes, np.hypot(SHARED_PX * by_px, chance), np.asarray(compensation))
+
+
+def _information(observations: Observations, T_camera_lidar: Pose) -> float:
+    """Compute the mutual information at a pose, nats, without its bias."""
+    agreement = core.agreement(observations.core, T_camera_lidar)
+    return agreement.mutual_information - agreement.bias
