@@ -121,11 +121,11 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
 
 def _camera_rows(calibration: CalibrationDocument) -> Rows:
     """Describe the intrinsics and the clock that were estimated together with the pose."""
-    lines = []
+    lines, is_trusted = [], calibration.is_believed
     if (camera := calibration.camera) is not None:
-        lines = [*(intrinsic.line for intrinsic in intrinsic_texts(camera)), kept_sentence(camera)]
+        lines = [*(intrinsic.line for intrinsic in intrinsic_texts(camera, is_trusted=is_trusted)), kept_sentence(camera)]
     rows = [("" if number else "intrinsics", line) for number, line in enumerate(lines)]
-    return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock))]
+    return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock, is_trusted=is_trusted))]
 
 
 def _repeatability_rows(repeatability: Repeatability | None) -> Rows:

@@ -115,6 +115,9 @@ def verify(settings: VerifySettings) -> None:
             if outputs.is_illustrated:
                 _illustrate(verification, data, pose, outputs, terminal)
     cases = [Case.of_check(check) for check in verification.checks]
+    if verification.is_reasoned:
+        # No check is judged, so CI counts the drive as a whole.
+        cases = [Case("transform", verification.verdict, "; ".join(verification.reasons))]
     seconds = perf_counter() - start
     report = CiReport(
         "verify",
@@ -163,7 +166,7 @@ def _print(verification: Verification) -> None:
     from semcal_cli.pipeline.verdict import overall_offsets
 
     for check in verification.checks:
-        click.echo(_check_line(check))
+        click.echo(_check_line(check, verification.word(check)))
     for sentence in (*verification.reasons, *verification.notes, verification.sentence):
         for line in wrapped("", sentence, indent=0):
             click.echo(line)
@@ -177,8 +180,12 @@ def _print(verification: Verification) -> None:
     console.print(f"{verification.verdict}: {decisive}", style=COLORS[verification.verdict], markup=False)
 
 
-def _check_line(check: AxisVerdict) -> str:
-    half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
-    offset = round(check.offset, 4) + 0.0  # no -0.0000
-    text = f"{offset:.4f} {half:<12}" if check.has_estimate else "not determined"
-    return f"{check.name:<21}{text:>23} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"
+def _check_line(check: AxisVerdict, word: str) -> str:
+    from semcal_cli.pipeline.verdict import check_text
+
+    text, allowed = check_text(check), f"{check.allowed:g} {check.unit}"
+    if text.offset:
+        found = f"{text.offset:>9} {f'+- {text.half_width}' if text.half_width else '':<9}{check.unit}"
+    else:
+        found = "not determined".rjust(19)
+    return f"{check.name:<21}{found:<24}allowed {allowed:<10}{word}"

@@ -20,7 +20,7 @@ from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.observations.cues.cue_table import files_of
 from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.frame_selection import evenly_spaced
-from semcal_cli.pipeline.verdict import overall_offsets
+from semcal_cli.pipeline.verdict import check_text, overall_offsets
 from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import first_coloring
@@ -94,7 +94,9 @@ def write_report(
         classes=class_agreements(observations, agreement, before),
         frame_names=frame_names([frame.points for frame in report.drive.frames]),
         frames_plots=frames_plots,
-        intrinsics=intrinsic_texts(record.camera) if record and record.camera else [],
+        intrinsics=[]
+        if record is None or record.camera is None
+        else intrinsic_texts(record.camera, is_trusted=record.is_believed),
         error_of=lambda stage: compare_poses(np.array(stage.T_camera_lidar), T),
         reach=_reach_of_hypotheses(record) if record else None,
         options=options,
@@ -202,7 +204,9 @@ def write_verification(
         notices=(*camera, *applied.sentences, *verification.notes),
         name=name,
         drive=data.drive,
+        verification=verification,
         checks=verification.checks,
+        check_text=check_text,
         check_names=CHECK_NAMES,
         reach=min(REACH * max(1.0, farthest), MAX_REACH),
         images=make_images(both_overlays(verification, data, initial_pose)),

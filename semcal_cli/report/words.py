@@ -127,7 +127,7 @@ def camera_sentences(record: CalibrationDocument) -> list[str]:
         conjunction, sentence = "and" if record.camera.is_kept else "but", kept_sentence(record.camera)
         sentences.append(f"The intrinsics were estimated together with the pose, {conjunction} {sentence}.")
     if record.clock is not None:
-        sentence = clock_sentence(record.clock)
+        sentence = clock_sentence(record.clock, is_trusted=record.is_believed)
         sentences.append(f"{sentence[:1].upper()}{sentence[1:]}.")
     return sentences
 
