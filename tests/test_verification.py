@@ -180,7 +180,9 @@ def test_data_that_cannot_decide(street: Path, drive: Path, tmp_path: Path) -> N
     for path in (drive / "point_labels").iterdir():
         rng.permutation(np.fromfile(path, np.uint32)).tofile(path)
     page, xml = tmp_path / "v.html", tmp_path / "v.xml"
-    found = verify(drive, street, "--report", page, "--junit", xml, GITHUB_STEP_SUMMARY=str(tmp_path / "v.md"))
+    found = verify(
+        drive, street, "--report", page, "--junit", xml, GITHUB_STEP_SUMMARY=str(tmp_path / "v.md")
+    )
     assert found.exit_code == INCONCLUSIVE, found.output
     assert re.fullmatch(r"inconclusive: \d reasons?, see above", found.stdout.splitlines()[-1])
     lines = found.stdout.splitlines()[:8]

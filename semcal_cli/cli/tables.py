@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from semcal_cli.checks import precedence
 from semcal_cli.errors import counted, printable
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
 
 COLUMNS = 80
 LABEL_WIDTH = 17
-WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "its uncertainty is not known"}
+WITHOUT_CHECKS = {
+    "initial": "a rough start, not refined yet",
+    "not_assessed": "its uncertainty is not known",
+    "paper": "the paper's method checks nothing, so the pose may be far off",
+}
 """What is said of a result that was not assessed."""
 
 
@@ -44,7 +49,10 @@ def summary_lines(calibration: CalibrationDocument, *, verbose: bool = False) ->
         *_camera_rows(calibration),
         *_repeatability_rows(calibration.repeatability),
         *(("note", note) for note in calibration.notes),
-        *(("doubt", reason) for reason in calibration.reasons),
+        *(
+            ("doubt", reason)
+            for reason in shown_reasons(calibration.reasons, calibration.topics, verbose=verbose)
+        ),
     ]
     return [line for label, text in rows for line in wrapped(label, text)]
 
@@ -64,7 +72,7 @@ def verdict_lines(calibration: CalibrationDocument) -> list[str]:
     """
     status = calibration.status
     is_start = status == "not_assessed" and [*calibration.stages] == ["initial"]
-    case = "initial" if is_start else status
+    case = "initial" if is_start else "paper" if "paper" in calibration.settings.options else status
     how_good = figures(calibration) or WITHOUT_CHECKS.get(case, "")
     see = ", see above" if status == "not_trusted" else ""
     verdict = ": ".join(filter(None, [status.replace("_", " "), how_good + see]))
@@ -74,9 +82,21 @@ def verdict_lines(calibration: CalibrationDocument) -> list[str]:
 def figures(calibration: CalibrationDocument) -> str:
     """Describe how many doubts there are about a calibration, or else its interval; empty if that is not known."""
     if calibration.status == "not_trusted":
-        return counted(len(calibration.reasons), "doubt")
+        leading = (
+            precedence.leading(calibration.topics).num if calibration.topics else len(calibration.reasons)
+        )
+        more = len(calibration.reasons) - leading
+        return counted(leading, "doubt") + (f", and {more} that may follow" if more else "")
     uncertainty = calibration.believed_uncertainty
     return "" if uncertainty is None else stated_error(uncertainty, calibration.used_camera)
+
+
+def shown_reasons(reasons: Sequence[str], topics: Sequence[str], *, verbose: bool = False) -> list[str]:
+    """List the leading reasons, and count those that may follow from them; all if `verbose`."""
+    leading = len(reasons) if verbose or not topics else precedence.leading(topics).num
+    if leading == len(reasons):
+        return [*reasons]
+    return [*reasons[:leading], f"{len(reasons) - leading} more may follow from this (--verbose lists them)"]
 
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
@@ -123,9 +143,16 @@ def _camera_rows(calibration: CalibrationDocument) -> Rows:
     """Describe the intrinsics and the clock that were estimated together with the pose."""
     lines, is_trusted = [], calibration.is_believed
     if (camera := calibration.camera) is not None:
-        lines = [*(intrinsic.line for intrinsic in intrinsic_texts(camera, is_trusted=is_trusted)), kept_sentence(camera)]
+        lines = [
+            *(intrinsic.line for intrinsic in intrinsic_texts(camera, is_trusted=is_trusted)),
+            kept_sentence(camera),
+        ]
     rows = [("" if number else "intrinsics", line) for number, line in enumerate(lines)]
-    return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock, is_trusted=is_trusted))]
+    return (
+        rows
+        if calibration.clock is None
+        else [*rows, ("clock", clock_sentence(calibration.clock, is_trusted=is_trusted))]
+    )
 
 
 def _repeatability_rows(repeatability: Repeatability | None) -> Rows:

@@ -135,7 +135,7 @@ def verify(settings: VerifySettings) -> None:
         document = asdict(verification) | {"T_camera_lidar": verification.T_camera_lidar.tolist()}
         click.echo(json.dumps(document, allow_nan=False))
     else:
-        _print(verification)
+        _print(verification, verbose=settings.verbose)
     report.tell_github()
     sys.exit(report.exit_code)
 
@@ -160,17 +160,19 @@ def _illustrate(
         terminal.print_paths("image", overlays.write_all(outputs.images))
 
 
-def _print(verification: Verification) -> None:
-    from semcal_cli.cli.tables import wrapped
+def _print(verification: Verification, *, verbose: bool) -> None:
+    from semcal_cli.checks import precedence
+    from semcal_cli.cli.tables import shown_reasons, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.pipeline.verdict import overall_offsets
 
     for check in verification.checks:
         click.echo(_check_line(check, verification.word(check)))
-    for sentence in (*verification.reasons, *verification.notes, verification.sentence):
+    reasons = shown_reasons(verification.reasons, verification.topics, verbose=verbose)
+    for sentence in (*reasons, *verification.notes, verification.sentence):
         for line in wrapped("", sentence, indent=0):
             click.echo(line)
-    num = len(verification.reasons)
+    num = precedence.leading(verification.topics).num
     decisive = (
         f"{num} reason{'s' * (num > 1)}, see above"
         if verification.is_reasoned
@@ -181,9 +183,8 @@ def _print(verification: Verification) -> None:
 
 
 def _check_line(check: AxisVerdict, word: str) -> str:
-    from semcal_cli.pipeline.verdict import check_text
 
-    text, allowed = check_text(check), f"{check.allowed:g} {check.unit}"
+    text, allowed = check.text, f"{check.allowed:g} {check.unit}"
     if text.offset:
         found = f"{text.offset:>9} {f'+- {text.half_width}' if text.half_width else '':<9}{check.unit}"
     else:

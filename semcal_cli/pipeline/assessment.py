@@ -46,6 +46,8 @@ from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
 
+CLOCKS = "clocks"
+"""Topic of the finding that states the offset of the clock."""
 ADVICE_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
 
@@ -72,16 +74,24 @@ def assess(
     used, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
     pose = _AssessedPose(used, stages, config.polish, ClockUncertainty.of(used, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(used.checked_by, T, with_clock=pose.tells_clock)
+        measured = check_consistency(
+            used.checked_by, T, with_clock=pose.tells_clock, estimated_s=pose.estimated_s
+        )
         assessment = _compare_frames(pose).with_measured(*measured)
     else:
         can_bleed = with_label_bleed and data.policy.has_label_bleed
         assessment = _judge(pose, with_label_bleed=can_bleed)
+    if any(finding.topic == CLOCKS for finding in assessment.findings):
+        # The finding states the offset.
+        of_clock = notes_on_clock(used, pose.clock)
+        assessment = replace(
+            assessment, notes=tuple(note for note in assessment.notes if note not in of_clock)
+        )
     if data.coarse_cue is not None and data.policy.needs_near_start:
         by_coarse_cue = check_coarse_cue(data.coarse_cue, T, stages.initial.T_camera_lidar)
         assessment = assessment.with_measured(by_coarse_cue)
     stages = replace(stages, assessment=assessment)
-    doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
+    doubts = "there are doubts" if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))
     return stages
 
@@ -128,6 +138,11 @@ class _AssessedPose:
     def tells_clock(self) -> bool:
         """Whether a check of the clock is meaningful: at constant speed, any time offset fits equally well."""
         return self.clock is not None and self.clock.is_checked
+
+    @property
+    def estimated_s(self) -> float | None:
+        """Estimate of the offset of the clock; None if the frames do not determine it."""
+        return self.clock.offset_s if self.clock is not None and self.clock.is_checked else None
 
     @property
     def is_clock_estimated(self) -> bool:
@@ -189,7 +204,9 @@ def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
     # While one check runs Python code, the core works on another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, pose)
-        of_consistency = pool.submit(check_consistency, of_checks, T, with_clock=pose.tells_clock)
+        of_consistency = pool.submit(
+            check_consistency, of_checks, T, with_clock=pose.tells_clock, estimated_s=pose.estimated_s
+        )
         of_scale = pool.submit(check_scale, of_checks)
         of_pose = pool.submit(_uncertainty, pose, with_label_bleed=with_label_bleed)
         frames, uncertainty = of_frames.result(), of_pose.result()

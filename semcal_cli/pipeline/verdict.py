@@ -27,6 +27,16 @@ UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
 """Units in words."""
 
 
+class CheckText(NamedTuple):
+    """A check as text, to two significant digits of its interval; all figures are in the unit of the check."""
+
+    offset: str
+    """The offset, with as many digits as tell it from the limit; empty if it is not determined."""
+    half_width: str
+    """Half width of the 95 % interval; empty if it is unknown."""
+    allowed: str
+
+
 @dataclass(frozen=True)
 class AxisVerdict:
     """An offset with its limit and the verdict on it."""
@@ -48,6 +58,15 @@ class AxisVerdict:
     def has_estimate(self) -> bool:
         """Whether the offset is an estimate; an undetermined time offset stays at its given value."""
         return self.name != CLOCK or self.half_width is not None
+
+    @property
+    def text(self) -> CheckText:
+        """The check as text."""
+        rounded = figure(abs(self.offset) if self.half_width is None else self.half_width)
+        offset, allowed = format_against_limit(self.offset, self.allowed, len(rounded.partition(".")[2]))
+        if not self.has_estimate:
+            return CheckText("", "", f"{self.allowed:g}")
+        return CheckText(offset, "" if self.half_width is None else rounded, allowed)
 
     def not_judged(self, *, is_trusted: bool) -> AxisVerdict:
         """Leave the offset unjudged; the interval of an estimate that is not trusted is left out."""
@@ -99,28 +118,9 @@ def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> 
     return _check(CLOCK, "ms", 1e3 * offset_s, half_width, 1e3 * limit_s)
 
 
-class CheckText(NamedTuple):
-    """A check as text, to two significant digits of its interval; all figures are in the unit of the check."""
-
-    offset: str
-    """The offset, with as many digits as tell it from the limit; empty if it is not determined."""
-    half_width: str
-    """Half width of the 95 % interval; empty if it is unknown."""
-    allowed: str
-
-
-def check_text(check: AxisVerdict) -> CheckText:
-    """Format a check."""
-    rounded = figure(abs(check.offset) if check.half_width is None else check.half_width)
-    offset, allowed = format_against_limit(check.offset, check.allowed, len(rounded.partition(".")[2]))
-    if not check.has_estimate:
-        return CheckText("", "", f"{check.allowed:g}")
-    return CheckText(offset, "" if check.half_width is None else rounded, allowed)
-
-
 def figures(check: AxisVerdict) -> str:
     """Put a check's offset, interval and limit into words."""
-    text, unit = check_text(check), UNITS[check.unit]
+    text, unit = check.text, UNITS[check.unit]
     allowed = f"allowed {text.allowed} {unit}"
     if not text.offset:
         return f"not determined, {allowed}"

@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 
+from semcal_cli.checks import precedence
 from semcal_cli.checks.own_drive import check_own_drive
 from semcal_cli.config import (
     AdjustmentConfig,
@@ -221,7 +222,9 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         check, of_clock = _check_clock(data, stages, limits.delay_s)
         checks, notes = (*checks, check), tuple(note for note in notes if note not in of_clock)
     verdict: Verdict = "inconclusive"
-    reasons = [(finding.topic, finding.sentence) for finding in findings]
+    # The transform is a start, though none that could be left out.
+    doubts = precedence.diagnosed(findings, weak=data.policy.weak, start=stated.name)
+    reasons = [(finding.topic, finding.sentence) for finding in doubts]
     if not findings and uncertainty is not None:
         verdict = together(check.verdict for check in checks)
         looks = recognise(T_stated, estimate) if verdict == "fail" else []

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from semcal_cli import core
+from semcal_cli.checks import precedence
 from semcal_cli.config import LABELS
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.files.documents import FORMATS, document_text
@@ -20,7 +21,7 @@ from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.observations.cues.cue_table import files_of
 from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.frame_selection import evenly_spaced
-from semcal_cli.pipeline.verdict import check_text, overall_offsets
+from semcal_cli.pipeline.verdict import overall_offsets
 from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import first_coloring
@@ -112,7 +113,7 @@ def _next_steps(report: ReportInput) -> Rows:
     """List what to do with a calibration; empty for another file, or on other frames."""
     if report.record is None or not report.is_of_record or Path(report.name).suffix not in FORMATS:
         return []
-    return after_calibration(report.record, Path(report.name))
+    return after_calibration(report.record, Path(report.name), precedence.leading(report.record.topics))
 
 
 def _draw_content(report: ReportInput, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -206,7 +207,6 @@ def write_verification(
         drive=data.drive,
         verification=verification,
         checks=verification.checks,
-        check_text=check_text,
         check_names=CHECK_NAMES,
         reach=min(REACH * max(1.0, farthest), MAX_REACH),
         images=make_images(both_overlays(verification, data, initial_pose)),
