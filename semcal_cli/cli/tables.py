@@ -12,6 +12,7 @@ from semcal_cli.checks import precedence
 from semcal_cli.errors import counted, printable
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center
+from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 from semcal_cli.result.refined_camera import clock_sentence, intrinsic_texts, kept_sentence
 from semcal_cli.result.uncertainty import stated_error
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from semcal_cli.geometry.poses import PoseError
     from semcal_cli.result.calibration_document import CalibrationDocument
     from semcal_cli.result.next_steps import Rows
-    from semcal_cli.result.sections import Quality, Repeatability
+    from semcal_cli.result.sections import Repeatability
     from semcal_cli.result.uncertainty import Uncertainty
 
 COLUMNS = 80
@@ -38,13 +39,13 @@ def summary_lines(calibration: CalibrationDocument, *, verbose: bool = False) ->
 
     Args:
         calibration: The calibration.
-        verbose: Whether to add expert figures: how many labels agree.
+        verbose: Whether to add expert figures: how well points and pixels agree.
     """
     T = calibration.pose
     rows = [
         *zip(["T_camera_lidar", "", "", ""], matrix_lines(T), strict=True),
         *pose_rows(T),
-        *(_label_rows(calibration.quality) if verbose else ()),
+        *(_label_rows(calibration) if verbose else ()),
         *_uncertainty_rows(calibration.believed_uncertainty),
         *_camera_rows(calibration),
         *_repeatability_rows(calibration.repeatability),
@@ -111,11 +112,16 @@ def labelled(label: str, line: str) -> str:
     return f"{label:<{LABEL_WIDTH}}{printable(line)}"
 
 
-def _label_rows(quality: Quality) -> Rows:
-    visible = (
-        f"{quality.label_agreement:.1%} of {quality.num_points:,} visible points agree with their pixels"
-    )
-    return [("labels", visible), ("", f"they cover {quality.overlap:.0%} of the image")]
+def _label_rows(calibration: CalibrationDocument) -> Rows:
+    """Describe how well points and pixels agree; the share that agrees, only where it falls at a wrong pose."""
+    quality = calibration.quality
+    visible = f"{quality.num_points:,} are visible, and cover {quality.overlap:.0%} of the image"
+    rows = [("points", visible)]
+    if policy_of(cues_of_options(calibration.settings.options)).starts is None:
+        rows.append(("", f"{quality.label_agreement:.1%} of them agree with their pixels"))
+    if quality.turn_loss is not None:
+        rows.append(("turned by 5 deg", f"the camera loses {quality.turn_loss:.0%} of the information"))
+    return rows
 
 
 def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:

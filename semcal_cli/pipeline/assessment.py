@@ -8,10 +8,10 @@ from time import perf_counter
 
 import numpy as np
 
+from semcal_cli.checks import few_scenes
 from semcal_cli.checks.camera_motion import check_camera_motion
 from semcal_cli.checks.cues_disagree import check_coarse_cue
 from semcal_cli.checks.families import check_consistency, check_uncertainty
-from semcal_cli.checks.few_scenes import check_scenes
 from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
 from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.checks.moved_camera import check_frames
@@ -279,7 +279,7 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     measured = [*check.measured, *check_pairs(observations, T, pose.stages.last.agreement, names)]
     num_scenes = len(set(observations.scenes))
     if cues := data.policy.wanting_scenes:
-        measured.append(check_scenes(num_scenes, cues))
+        measured.append(few_scenes.check_scenes(num_scenes, cues))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
         same = "the others show the same scenes"

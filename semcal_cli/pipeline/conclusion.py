@@ -54,7 +54,7 @@ def make_calibration(
         topics=tuple(finding.topic for finding in findings),
         notes=stages.notes,
         parts=() if assessment is None else assessment.parts,
-        quality=stages.quality(len(data.drive.frames)),
+        quality=stages.quality(data.observations),
         stages=stages.records,
         uncertainty=stages.uncertainty,
         repeatability=stages.repeatability,

@@ -88,6 +88,7 @@ def write_report(
         verdict=words.verdict(report),
         notices=(*report.notices, *(record.notes if record else ())),
         agreement=agreement,
+        turn_loss=observations.turn_loss(T),
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
         notations=notations(T),
