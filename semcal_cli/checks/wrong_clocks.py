@@ -83,11 +83,11 @@ def check_clocks(
     best_s = max(sigmas, key=lambda delay_s: sigmas[delay_s])
     better = f"points and images agree {sigmas[best_s]:.1f} standard errors better"
     side = "later" if best_s > 0.0 else "earlier"
-    images = f"images are {1e3 * abs(best_s):.0f} ms {side} than image_stamp says"
-    sentence = f"the clocks look wrong, since {better} if {images}"
+    how = f", since {better} if images are {1e3 * abs(best_s):.0f} ms {side} than image_stamp says"
     if estimated_s is not None and estimated_s * best_s > 0.0:
-        sentence = (
-            f"the clocks look wrong: images seem to be {1e3 * abs(estimated_s):.1f} ms {side} than image_stamp says, "
-            f"and {better} at {'a later' if best_s > 0.0 else 'an earlier'} time"
+        how = (
+            f": images seem to be {1e3 * abs(estimated_s):.1f} ms {side} than image_stamp says, and {better} "
+            f"at {'a later' if best_s > 0.0 else 'an earlier'} time"
         )
+    sentence = f"the clocks look wrong{how}"
     return [WRONG_CLOCKS.measured(sigmas[best_s], sentence)]
