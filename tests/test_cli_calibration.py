@@ -275,7 +275,7 @@ def test_figures_for_experts_are_on_request(street: Path, tmp_path: Path, cli: C
         code, _, said[option] = cli(command, street, "--init", street, "-o", tmp_path / "c.yaml", *given)
         assert code == 0
         assert all(len(line) <= 80 for line in said[option].splitlines() if "/" not in line)
-    for word in ("nats", "MI ", "points agree"):
+    for word in ("nats", "MI ", "agree with their pixels", "turned by 5 deg"):
         assert word not in said["--log"]
         assert word in said["--verbose"]
     if command != "initialize":

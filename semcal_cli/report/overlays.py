@@ -159,7 +159,7 @@ class Overlays:
         return frame_names([frame.points for frame in self.drive.frames])
 
     def strip(self, frame: int, caption: str) -> str:
-        """Caption a frame: its name, the share of its points that agree unless it may rise, and the name of the pose."""
+        """Caption a frame: its name, the share of its points that agree at a pose, and the name of the pose."""
         words = [self.frame_names[frame]]
         observations = self.observations
         is_shown = not observations.is_multimodal  # with many maxima, the share may rise at a wrong pose

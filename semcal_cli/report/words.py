@@ -189,30 +189,19 @@ def runner_up_sentences(record: CalibrationDocument) -> list[str]:
 
 
 def polish_sentences(record: CalibrationDocument) -> list[str]:
-    """Describe what the polish gained on data that it did not use; empty if nothing was polished."""
+    """Describe what the polish gained on data that it did not use, and what loss is allowed; empty without a polish."""
     if record.polish is None:
         return []
+    gain = _held_out(record, 1.0)
+    told = f"({gain or 'standard error unknown'})"
+    decision = "kept" if record.polish.accepted else "not kept"
+    if record.polish.accepted and record.polish.held_out_gain_nats >= 0.0:
+        return [f"The polish was {decision}: held-out data gained information {told}."]
     is_multimodal = policy_of(cues_of_options(record.settings.options)).starts is not None
     most = PolishConfig.max_loss_of_tops if is_multimodal else PolishConfig.max_loss
-    decision, outcome = (
-        "not kept",
-        f"lost more information than the {most:g} standard errors that are allowed",
-    )
-    if record.polish.accepted:
-        lost = record.polish.held_out_gain_nats < 0.0
-        decision, outcome = (
-            "kept",
-            f"lost some information, of which {most:g} standard errors are allowed"
-            if lost
-            else "gained information",
-        )
-    gain = _held_out(record, 1.0) or "standard error unknown"
-    because = (
-        ", since they took part in the choice of the maximum"
-        if is_multimodal and "allowed" in outcome
-        else ""
-    )
-    return [f"The polish was {decision}: held-out data {outcome}{because} ({gain})."]
+    allowed = f", of which {most:g} standard errors are allowed" if gain else ""
+    because = ", since these data took part in the choice of the maximum" if gain and is_multimodal else ""
+    return [f"The polish was {decision}: held-out data lost information {told}{allowed}{because}."]
 
 
 def stage_nats(record: CalibrationDocument, stage: str) -> str:

@@ -62,11 +62,10 @@ def after_calibration(calibration: CalibrationDocument, result: Path, leading: L
         leading = leading or Leading(len(calibration.topics))
         entries = [*map(entry_address, dict.fromkeys(calibration.topics[: leading.num]))] or [TROUBLESHOOTING]
         labels = ["why", *[""] * (len(entries) - 1)]
-        correction = [shell(*words) for words in _correction(calibration, drive, result, leading.options)]
-        first, *others = [*correction, shell("inspect", drive), shell("view", drive, result)]
+        correction = _correction(calibration, drive, result, leading.options)
+        commands = [*correction, shell("inspect", drive), shell("view", drive, result)]
         return [
-            ("next", first),
-            *(("", line) for line in others),
+            *zip(["next", *[""] * (len(commands) - 1)], commands, strict=True),
             *zip(labels, entries, strict=True),
         ]
     if calibration.status == "trusted":
@@ -80,7 +79,7 @@ def after_calibration(calibration: CalibrationDocument, result: Path, leading: L
 
 def _correction(
     calibration: CalibrationDocument, drive: Path, result: Path, options: Sequence[str]
-) -> list[list[object]]:
+) -> list[str]:
     """Write the calibration with options that correct this one, if there are any and it was made without them."""
     settings = calibration.settings.options
     if not options or "jointly" in settings:
@@ -89,4 +88,4 @@ def _correction(
     of_cues = ["--cue", ",".join(cues)] if "cues" in settings else []
     start = ["--init", result] if policy_of(cues).needs_near_start else []
     corrected = result.with_stem(f"{result.stem}_corrected")
-    return [["calibrate", drive, *of_cues, *start, *options, "-o", corrected]]
+    return [shell("calibrate", drive, *of_cues, *start, *options, "-o", corrected)]
