@@ -11,10 +11,12 @@ OF_A_WRONG_CLOCK: frozenset[str] = frozenset(
         "moved-camera",
         "odd-frames",
         "polish-rejected",
+        "wide-interval",
         "wrong-pairing",
     }
 )
-"""What images of another moment look like: frames at other speeds need other poses, and fit their sweeps less well."""
+"""What images of another moment look like: frames at other speeds need other poses, and fit their sweeps less well. The
+interval includes what the offset costs."""
 OF_A_WRONG_POSE: frozenset[str] = OF_A_WRONG_CLOCK | frozenset(
     {
         "chance",
@@ -30,7 +32,6 @@ OF_A_WRONG_POSE: frozenset[str] = OF_A_WRONG_CLOCK | frozenset(
         "polish-not-tested",
         "refinement-not-settled",
         "seeds",
-        "wide-interval",
     }
 )
 """What is measured at a pose that is wrong or hardly determined, and means nothing there."""
