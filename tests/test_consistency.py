@@ -130,5 +130,5 @@ def test_wrong_clocks_are_told_from_the_motion(
     seen = with_twists(street_observations.with_clouds(clouds), twists)
     ended = newton(seen, refined(seen, street_truth), PolishConfig()).T_camera_lidar
     found = [line for line in sentences(seen, ended) if line.startswith("the clocks look wrong, ")]
-    said = f" ms {side} than image_stamp says: check the clocks of camera and LiDAR"
+    said = f" ms {side} than image_stamp says: calibrate with --estimate-delay"
     assert [said in line for line in found] == [True] * bool(side)

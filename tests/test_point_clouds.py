@@ -305,8 +305,7 @@ def test_a_drive_whose_labels_are_in_its_clouds(tmp_path: Path, name: str) -> No
             read_observations(read_drive(tmp_path))
         assert str(complaint.value) == (
             f"{tmp_path}/drive.yaml: frames[a.ply].point_labels: found nothing, needed a file of class "
-            "ids, or a field of the cloud named label, class or semantic; edges need none: leave out --cue, or use "
-            "--cue edges"
+            "ids, or a field of the cloud named label, class or semantic; edges need none (--cue edges)"
         )
         return
     observations = read_observations(read_drive(tmp_path))

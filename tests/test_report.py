@@ -265,7 +265,10 @@ def test_a_rejected_polish_is_said_to_be(made: Path, street: Path, tmp_path: Pat
     page = page_of(street, tmp_path / "c.yaml", tmp_path)
     assert "held-out data agree worse after the polish, by 0.3000 +- 0.0500 nats" in page
     assert "polished <small>rejected</small>" in page
-    assert "The polish was not kept: held-out data lost information (-0.3000 \u00b1 0.0500 nats)." in page
+    lost = (
+        "held-out data lost information (-0.3000 \u00b1 0.0500 nats), of which 3 standard errors are allowed."
+    )
+    assert f"The polish was not kept: {lost}" in page
 
 
 def test_words_state_the_uncertainty(report: ReportInput) -> None:

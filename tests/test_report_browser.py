@@ -153,7 +153,7 @@ def test_the_page_of_a_verification(
     assert browser.find_element(By.TAG_NAME, "h1").text == "Fail"
     lead = browser.find_element(By.CLASS_NAME, "lead").text
     assert re.match(
-        r"rotation off by 0\.[56]\d\d ± 0\.\d{3} degrees, allowed 0\.3; camera centre off by", lead
+        r"rotation off by 0\.[56]\d\d ± 0\.\d{3} degrees, allowed 0\.3 degrees; camera centre off by", lead
     )
     failed = [row.text.split("\n")[0] for row in browser.find_elements(By.CSS_SELECTOR, "tr.fail")]
     assert failed == ["yaw, looks left (about y)", "rotation overall"]

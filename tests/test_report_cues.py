@@ -57,7 +57,10 @@ def test_a_page_of_edges_shows_them_on_those_of_the_image(made: Path, street: Pa
     assert 'name="colors" value="class"' not in page
     assert page.count('class="image edges"') == 4
     assert 'id="worst"' not in page
-    assert "<dt>edges agree</dt>" in page
+    assert "<dt>edges agree</dt>" not in page
+    assert "% agree" not in page
+    assert "Where that leaves a doubt, both mountings are refined" in page
+    assert "needs at least" not in page
     shown = make_images(report_input.overlays(1)).best
     image = np.array(PIL.Image.open(io.BytesIO(base64.b64decode(shown.uri.split(",")[1])))).astype(int)
     assert np.abs(image - image.mean(axis=2, keepdims=True)).max() < 3.0  # grey, but for the encoder
@@ -88,3 +91,18 @@ def test_what_edges_gained_is_in_nats(made: Path, tmp_path: Path) -> None:
         assert record.polish is not None
         polish = record.polish.model_copy(update={"held_out_sigma_nats": 0.01})
         assert unit in polish_sentences(record.model_copy(update={"polish": polish}))[0]
+
+
+def test_a_page_of_edges_explains_what_it_shows(made: Path, street: Path, tmp_path: Path) -> None:
+    """What would contradict a trusted result is said with its reason, or not at all."""
+    file = by_cues(made, tmp_path, "segments", "edges")
+    record = read_calibration(file)
+    assert record.polish is not None
+    loss = {"accepted": True, "held_out_gain_nats": -0.0017, "held_out_sigma_nats": 0.0006}
+    lost = record.model_copy(update={"polish": record.polish.model_copy(update=loss)})
+    (sentence,) = polish_sentences(lost)
+    assert "of which 5 standard errors are allowed, since these data took part in the choice" in sentence
+    page = page_of(street, file, tmp_path)
+    assert "intervals contain the result" not in page
+    assert '<tr><td>initial</td><td class="n">-</td>' in page
+    assert "<dt>information lost if turned by 5 degrees</dt>" in page

@@ -204,7 +204,7 @@ def test_what_is_shown_is_what_was_exposed(rolling: LoadedDrive) -> None:
     assert overlays.strip(1, "truth") == by_line.strip(1, "truth") != middle.strip(1, "truth")
     session = Session(rolling, read_clouds(rolling.drive), CalibrationConfig(), T)
     shown = session.points({"base": T.tolist(), "offsets": [0.0] * 6, "frame": 1})
-    assert shown["mutual_information"] == pytest.approx(at_truth.mutual_information, rel=1e-12)
+    assert shown["information"] == pytest.approx(at_truth.mutual_information - at_truth.bias, rel=1e-12)
     report = make_report_input(rolling.drive, "truth", T, None)
     of_report = core.agreement(report.observations.core, T)
     assert of_report.mutual_information == pytest.approx(at_truth.mutual_information, rel=1e-12)

@@ -15,7 +15,7 @@ LONG = (
     "least 2: " * 3
 )
 PATH = "/".join(["a-folder-of-a-long-name"] * 6)
-EXPERTS = re.compile(r"\bnats\b|MI\b|held out|points agree")
+EXPERTS = re.compile(r"\bnats\b|MI\b|held out|agree with their pixels")
 
 
 def with_words(**values: object) -> CalibrationDocument:

@@ -118,7 +118,7 @@ def test_what_is_between_is_inconclusive_for_ci(
     assert getattr(suite, element) > 0
     assert suite.errors + suite.failures + suite.skipped == getattr(suite, element)
     passing = next(case for case in suite if case.is_passed)
-    assert " degrees, allowed 0.3" in passing.system_out
+    assert " degrees, allowed 0.3 degrees" in passing.system_out
     assert passing.time > 0.0
 
 
@@ -149,10 +149,10 @@ def test_figures_for_github(street: Path, street_truth: Pose, tmp_path: Path) ->
     found = verify(street, given, **github)
     assert found.exit_code == FAIL
     (annotation,) = re.findall(r"^::error title=semcal verify::(.*)$", found.stderr, re.MULTILINE)
-    assert re.search(r"rotation y -?[01]\.\d{3} \+- 0\.\d{3} degrees, allowed 0\.3", annotation)
+    assert re.search(r"rotation y -?[01]\.\d{3} \+- 0\.0\d{2} degrees, allowed 0\.3 degrees", annotation)
     summary = (tmp_path / "summary.md").read_text()
     assert "### semcal verify: fail" in summary
-    assert re.search(r"^\| rotation y \| .* allowed 0\.3 \| fail \|$", summary, re.MULTILINE)
+    assert re.search(r"^\| rotation y \| .* allowed 0\.3 degrees \| fail \|$", summary, re.MULTILINE)
     compared = invoke("compare", street, given, env=github)
     assert compared.exit_code == FAIL
     assert "::error title=semcal compare::fail; rotation 1.000 degrees, allowed 0.3" in compared.stderr
@@ -179,9 +179,25 @@ def test_data_that_cannot_decide(street: Path, drive: Path, tmp_path: Path) -> N
     rng = np.random.default_rng(0)
     for path in (drive / "point_labels").iterdir():
         rng.permutation(np.fromfile(path, np.uint32)).tofile(path)
-    found = verify(drive, street)
+    page, xml = tmp_path / "v.html", tmp_path / "v.xml"
+    found = verify(
+        drive, street, "--report", page, "--junit", xml, GITHUB_STEP_SUMMARY=str(tmp_path / "v.md")
+    )
     assert found.exit_code == INCONCLUSIVE, found.output
     assert re.fullmatch(r"inconclusive: \d reasons?, see above", found.stdout.splitlines()[-1])
+    lines = found.stdout.splitlines()[:8]
+    assert all(line.endswith("not judged") and "+-" not in line for line in lines)
+    assert page.read_text().count('<td class="mark">not judged</td>') == 8
+    assert '<rect class="interval"' not in page.read_text()
+    (suite,) = junitparser.JUnitXml.fromfile(str(xml))
+    assert (suite.tests, suite.errors, suite.failures, suite.skipped) == (1, 1, 0, 0)
+    assert "| fail |" not in (tmp_path / "v.md").read_text()
+    document = json.loads(verify(drive, street, "--json", "--junit", xml, "--inconclusive", "skip").stdout)
+    assert {(check["verdict"], check["half_width"]) for check in document["checks"]} == {
+        ("inconclusive", None)
+    }
+    (suite,) = junitparser.JUnitXml.fromfile(str(xml))
+    assert (suite.tests, suite.errors, suite.failures, suite.skipped) == (1, 0, 0, 1)
     assert verify(drive, tmp_path / "nowhere.yaml").exit_code == 1
 
 
@@ -198,9 +214,15 @@ def test_the_inverse_is_named(street: Path, street_truth: Pose, tmp_path: Path) 
     found = verify(street, given, "--report", page, GITHUB_ACTIONS="true")
     assert found.exit_code == FAIL, found.output
     link = f'<a href="{entry_address(LOOKS_LIKE)}">why this comes up</a>'
-    assert f"<li>this looks like the inverse, T_lidar_camera ({link})</li>" in page.read_text()
+    mistake = f"this looks like the inverse, T_lidar_camera: correct {given}"
+    assert f"<li>{mistake} ({link})</li>" in page.read_text()
     assert "this looks like the inverse, T_lidar_camera" in found.stdout
     assert "this looks like the inverse, T_lidar_camera" in found.stderr
+    assert "find out what moved it" not in found.stdout
+    matrix = tmp_path / "matrix.txt"
+    np.savetxt(matrix, street_truth)
+    said = verify(street, matrix, "--init-direction", "camera-to-lidar").stdout
+    assert "run again with --init-direction lidar-to-camera" in " ".join(said.split())
 
 
 def test_mistakes_are_recognised() -> None:

@@ -94,7 +94,7 @@ def test_a_late_clock_at_one_speed_fails_no_transform(
     assert ("clocks" in found["topics"]) == bool(options)  # asked for, and not determined
     (overall,) = (each for each in found["checks"] if each["name"] == "camera centre overall")
     assert abs(overall["offset"]) > 20.0
-    assert overall["half_width"] > 30.0
+    assert overall["half_width"] is None
     assert any(
         "the clock was not checked: all frames have the same motion." in note for note in found["notes"]
     )
@@ -141,19 +141,19 @@ def test_what_is_said_of_a_clock_alone(
     *_, check, first, second, verdict = out.splitlines()
     assert code == FAIL
     assert check.startswith("clock                   ")
-    assert check.endswith("ms   allowed 5       fail")
+    assert check.endswith("ms   allowed 5 ms      fail")
     assert f"{first} {second}" == (
         "The transform still holds on this drive, but the camera's clock is off. Calibrate again with "
         "--estimate-delay, or find out what changed the clock."
     )
     assert verdict.startswith("fail: clock off by 2")
-    assert verdict.endswith(" ms, allowed 5")
+    assert verdict.endswith(" ms, allowed 5 ms")
     assert "::error title=semcal verify::fail; clock 2" in err
     assert "images later (clock)" in page.read_text()
     one = exactly_triggered(moving / "one", tmp_path)
     code, out, _ = run(capfd, "verify", one, one, "--max-delay-ms", 5, "--report", page)
     assert code == INCONCLUSIVE
-    assert " not determined ms   allowed 5       inconclusive" in out
+    assert " not determined     allowed 5 ms      inconclusive" in out
     assert out.splitlines()[-1] == "inconclusive: clock not determined, allowed 5 ms"
     assert "cannot show whether the camera&#39;s clock is right" in page.read_text()
     assert '#clocks">why this comes up</a>' in page.read_text()
@@ -167,8 +167,8 @@ def test_an_interval_about_the_limit_decides_nothing() -> None:
         "fail",
     ]
     late = judge_clock(-0.0201, 0.001, 0.005)
-    assert figures(late) == "-20.100 +- 1.000 ms, allowed 5"
-    assert overall_offsets([late]) == ["clock off by -20.100 +- 1.000 ms, allowed 5"]
+    assert figures(late) == "-20.1 +- 1.0 ms, allowed 5 ms"
+    assert overall_offsets([late]) == ["clock off by -20.1 +- 1.0 ms, allowed 5 ms"]
     assert figures(judge_clock(0.0, None, 0.005)) == "not determined, allowed 5 ms"
     assert overall_offsets([judge_clock(0.0, None, 0.005)]) == ["clock not determined, allowed 5 ms"]
 

@@ -89,7 +89,11 @@ def check_pose(T_camera_lidar: Pose, agreement: core.Agreement, max_baseline_m: 
 
 
 def check_consistency(
-    observations: Observations, T_camera_lidar: Pose, *, with_clock: bool = True
+    observations: Observations,
+    T_camera_lidar: Pose,
+    *,
+    with_clock: bool = True,
+    estimated_s: float | None = None,
 ) -> tuple[Measured, ...]:
     """Check a pose against its labels, its surroundings, the camera's focal length and the clocks.
 
@@ -97,13 +101,14 @@ def check_consistency(
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) refined pose, metres.
         with_clock: Whether the motions of the frames differ enough to determine the time offset.
+        estimated_s: Estimate of the time offset, seconds; None if there is none.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
     return (
         *check_classes(few, T_camera_lidar),
         *check_pairing(few, T_camera_lidar),
         check_azimuth(few, T_camera_lidar),
-        *check_other_models(few, T_camera_lidar, with_clock=with_clock),
+        *check_other_models(few, T_camera_lidar, with_clock=with_clock, estimated_s=estimated_s),
     )
 
 

@@ -9,14 +9,16 @@ from semcal_cli.errors import counted
 from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.phrases import ELSEWHERE
+from semcal_cli.findings.symptoms import OF_A_WRONG_POSE
 
 FEW_SCENES = Check(
     topic="few-scenes",
     advice=ELSEWHERE,
+    explains=OF_A_WRONG_POSE | {"far-start", "weak-cue"},
     entry=Entry(
         title="Edges of few scenes",
         section=PageSection.MOUNTING,
-        quotes=("edges were compared in 2 scenes, needed at least 4: add frames from other places",),
+        quotes=("the frames show 1 place, needed at least 4 for edges: add frames from other places",),
         meaning="The edges of one scene fit many poses, and which of them fits best is partly chance.",
         cause="The drive has one to three frames, or all its frames show the same scene.",
         remedy="Add frames from other places: ten are better than four.",
@@ -33,6 +35,7 @@ def check_scenes(num_scenes: int, min_scenes: Mapping[CueName, int]) -> Measured
         min_scenes: Minimum number of scenes of each cue that states one; not empty.
     """
     needed = max(min_scenes.values())
-    sentence = f"{' and '.join(min_scenes)} were compared in {counted(num_scenes, 'scene')}, needed at least {needed}"
+    cues = " and ".join(min_scenes)
+    sentence = f"the frames show {counted(num_scenes, 'place')}, needed at least {needed} for {cues}"
     finding = FEW_SCENES.finding(sentence) if num_scenes < needed else None
     return Measured(FEW_SCENES.topic, "", num_scenes, finding)

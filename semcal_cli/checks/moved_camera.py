@@ -33,6 +33,7 @@ from semcal_cli.result.sections import DrivePart, Movement
 
 MOVED_CAMERA = Check(
     topic="moved-camera",
+    explains=frozenset({"frames-disagree"}),
     advice="calibrate the frames of each part as a drive of their own, or record again",
     entry=Entry(
         title="The camera was moved",

@@ -9,13 +9,14 @@ from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.uncertainty.information import compared_by
 from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection
-from semcal_cli.findings.phrases import BY_HAND
+from semcal_cli.findings.phrases import BY_HAND, ELSEWHERE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
 
 OTHER_AZIMUTH = Check(
     topic="other-azimuth",
     advice=BY_HAND,
+    advice_beside_start=ELSEWHERE,
     entry=Entry(
         title="Labels fit another azimuth",
         section=PageSection.MOUNTING,

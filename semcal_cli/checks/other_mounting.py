@@ -7,11 +7,12 @@ from semcal_cli.estimation.search.mounting_search import Initialization
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
-from semcal_cli.findings.phrases import BY_HAND, describe_rival_fit
+from semcal_cli.findings.phrases import BY_HAND, ELSEWHERE, describe_rival_fit
 
 OTHER_MOUNTING = Check(
     topic="other-mounting",
     advice=BY_HAND,
+    advice_beside_start=ELSEWHERE,
     entry=Entry(
         title="Another mounting explains the labels",
         section=PageSection.MOUNTING,
@@ -37,6 +38,7 @@ OTHER_MOUNTING = Check(
 NOTHING_TO_COMPARE = Check(
     topic="nothing-to-compare",
     advice=BY_HAND,
+    advice_beside_start=ELSEWHERE,
     entry=Entry(
         title="Nothing to compare with",
         section=PageSection.MOUNTING,

@@ -22,7 +22,7 @@ PYRAMID = PyramidConfig(coarsest_block_deg=1.0)
 
 
 def check_other_models(
-    observations: Observations, T_camera_lidar: Pose, *, with_clock: bool
+    observations: Observations, T_camera_lidar: Pose, *, with_clock: bool, estimated_s: float | None = None
 ) -> list[Measured]:
     """Check that labels agree less well with other focal lengths, and with other delays if the motion shows them."""
     zoomed = zoomed_observations(observations)
@@ -42,5 +42,5 @@ def check_other_models(
     fits = {key: fit for key, fit in zip([*zoomed, *late], others, strict=True) if fit is not None}
     return [
         *check_focal_length(own, {key: fits[key] for key in zoomed if key in fits}),
-        *check_clocks(observations, own, {key: fits[key] for key in late if key in fits}),
+        *check_clocks(observations, own, {key: fits[key] for key in late if key in fits}, estimated_s),
     ]

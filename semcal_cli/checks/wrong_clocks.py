@@ -8,22 +8,30 @@ from semcal_cli.checks.pose_fit import PoseFit
 from semcal_cli.estimation.uncertainty.information import information_by_squares, paired_gain
 from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection
+from semcal_cli.findings.symptoms import OF_A_WRONG_CLOCK
 from semcal_cli.observations.motion import delayed, differs, twists_per_s
 from semcal_cli.observations.observations import Observations
 
 WRONG_CLOCKS = Check(
     topic="clocks",
     advice=(
-        "check the clocks of camera and LiDAR, and correct image_stamp, or calibrate with --estimate-delay"
+        "calibrate with --estimate-delay, or check the clocks of camera and LiDAR and correct image_stamp"
     ),
+    explains=OF_A_WRONG_CLOCK,
+    options=("--estimate-delay",),
     entry=Entry(
         title="The clocks look wrong",
         section=PageSection.CAMERA,
         quotes=(
             (
                 "the clocks look wrong, since points and images agree 2.4 standard errors better if "
-                "images are 15 ms later than image_stamp says: check the clocks of camera and LiDAR, and "
-                "correct image_stamp, or calibrate with --estimate-delay"
+                "images are 15 ms later than image_stamp says: calibrate with --estimate-delay, or check the "
+                "clocks of camera and LiDAR and correct image_stamp"
+            ),
+            (
+                "the clocks look wrong: images seem to be 19.7 ms later than image_stamp says, and points and "
+                "images agree 2.4 standard errors better at a later time: calibrate with --estimate-delay, or "
+                "check the clocks of camera and LiDAR and correct image_stamp"
             ),
         ),
         meaning="Images fit better at another time.",
@@ -51,8 +59,20 @@ def delayed_observations(observations: Observations) -> dict[float, Observations
     return {delay_s: delayed(observations, delay_s) for delay_s in CLOCK_DELAYS_S}
 
 
-def check_clocks(observations: Observations, own: PoseFit, others: Mapping[float, PoseFit]) -> list[Measured]:
-    """Compare the fit at the drive's times with those at others, by the delay in seconds."""
+def check_clocks(
+    observations: Observations,
+    own: PoseFit,
+    others: Mapping[float, PoseFit],
+    estimated_s: float | None = None,
+) -> list[Measured]:
+    """Compare the fit at the drive's times with those at others, by the delay in seconds.
+
+    Args:
+        observations: Points and pixels.
+        own: The fit at the drive's times.
+        others: Fits at other times.
+        estimated_s: Estimate of the delay, which is stated in place of the tried one that fits best.
+    """
     if not others:
         return []
     before, sigmas = information_by_squares(observations, own.T_camera_lidar), {}
@@ -61,8 +81,13 @@ def check_clocks(observations: Observations, own: PoseFit, others: Mapping[float
         gain = paired_gain(before, after)
         sigmas[delay_s] = gain.gain / max(gain.sigma, 1e-12)
     best_s = max(sigmas, key=lambda delay_s: sigmas[delay_s])
-    sentence = (
-        f"the clocks look wrong, since points and images agree {sigmas[best_s]:.1f} standard errors better if "
-        f"images are {1e3 * abs(best_s):.0f} ms {'later' if best_s > 0.0 else 'earlier'} than image_stamp says"
-    )
+    better = f"points and images agree {sigmas[best_s]:.1f} standard errors better"
+    side = "later" if best_s > 0.0 else "earlier"
+    how = f", since {better} if images are {1e3 * abs(best_s):.0f} ms {side} than image_stamp says"
+    if estimated_s is not None and estimated_s * best_s > 0.0:
+        how = (
+            f": images seem to be {1e3 * abs(estimated_s):.1f} ms {side} than image_stamp says, and {better} "
+            f"at {'a later' if best_s > 0.0 else 'an earlier'} time"
+        )
+    sentence = f"the clocks look wrong{how}"
     return [WRONG_CLOCKS.measured(sigmas[best_s], sentence)]

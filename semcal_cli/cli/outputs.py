@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
+from semcal_cli.checks import precedence
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.tables import figures, labelled, summary_lines, verdict_lines
+from semcal_cli.cli.tables import figures, labelled, shown_reasons, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.document import Drive, drive_file, read_drive
 from semcal_cli.errors import InputError
@@ -175,7 +176,9 @@ class Outputs:
             self._illustrate(drive, calibration, terminal)
         terminal.print_verdict("\n".join(verdict_lines(calibration)), calibration.status)
         if self.has_next_steps and self.to is None and self.output is not None:
-            terminal.print(*(labelled(*step) for step in after_calibration(calibration, self.output)))
+            leading = precedence.leading(calibration.topics)
+            steps = after_calibration(calibration, self.output, leading)
+            terminal.print(*(labelled(*step) for step in steps))
         _report(calibration, written_to).tell_github()
         return exit_code(calibration)
 
@@ -218,7 +221,9 @@ def _report(calibration: CalibrationDocument, written_to: str) -> CiReport:
     verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
     command = click.get_current_context().command.name or "calibrate"
     case = Case(calibration.status, verdict, figures(calibration) or "interval not known")
-    return CiReport(command, written_to, verdict, [case], calibration.reasons)
+    return CiReport(
+        command, written_to, verdict, [case], shown_reasons(calibration.reasons, calibration.topics)
+    )
 
 
 def exit_code(result: CalibrationDocument | RigCalibration) -> int:

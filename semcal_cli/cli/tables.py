@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from semcal_cli.checks import precedence
 from semcal_cli.errors import counted, printable
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center
+from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 from semcal_cli.result.refined_camera import clock_sentence, intrinsic_texts, kept_sentence
 from semcal_cli.result.uncertainty import stated_error
 
@@ -19,12 +21,16 @@ if TYPE_CHECKING:
     from semcal_cli.geometry.poses import PoseError
     from semcal_cli.result.calibration_document import CalibrationDocument
     from semcal_cli.result.next_steps import Rows
-    from semcal_cli.result.sections import Quality, Repeatability
+    from semcal_cli.result.sections import Repeatability
     from semcal_cli.result.uncertainty import Uncertainty
 
 COLUMNS = 80
 LABEL_WIDTH = 17
-WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "its uncertainty is not known"}
+WITHOUT_CHECKS = {
+    "initial": "a rough start, not refined yet",
+    "not_assessed": "its uncertainty is not known",
+    "paper": "the paper's method checks nothing, so the pose may be far off",
+}
 """What is said of a result that was not assessed."""
 
 
@@ -33,18 +39,21 @@ def summary_lines(calibration: CalibrationDocument, *, verbose: bool = False) ->
 
     Args:
         calibration: The calibration.
-        verbose: Whether to add expert figures: how many labels agree.
+        verbose: Whether to add expert figures: how well points and pixels agree.
     """
     T = calibration.pose
     rows = [
         *zip(["T_camera_lidar", "", "", ""], matrix_lines(T), strict=True),
         *pose_rows(T),
-        *(_label_rows(calibration.quality) if verbose else ()),
+        *(_label_rows(calibration) if verbose else ()),
         *_uncertainty_rows(calibration.believed_uncertainty),
         *_camera_rows(calibration),
         *_repeatability_rows(calibration.repeatability),
         *(("note", note) for note in calibration.notes),
-        *(("doubt", reason) for reason in calibration.reasons),
+        *(
+            ("doubt", reason)
+            for reason in shown_reasons(calibration.reasons, calibration.topics, verbose=verbose)
+        ),
     ]
     return [line for label, text in rows for line in wrapped(label, text)]
 
@@ -64,7 +73,7 @@ def verdict_lines(calibration: CalibrationDocument) -> list[str]:
     """
     status = calibration.status
     is_start = status == "not_assessed" and [*calibration.stages] == ["initial"]
-    case = "initial" if is_start else status
+    case = "initial" if is_start else "paper" if "paper" in calibration.settings.options else status
     how_good = figures(calibration) or WITHOUT_CHECKS.get(case, "")
     see = ", see above" if status == "not_trusted" else ""
     verdict = ": ".join(filter(None, [status.replace("_", " "), how_good + see]))
@@ -74,7 +83,11 @@ def verdict_lines(calibration: CalibrationDocument) -> list[str]:
 def figures(calibration: CalibrationDocument) -> str:
     """Describe how many doubts there are about a calibration, or else its interval; empty if that is not known."""
     if calibration.status == "not_trusted":
-        return counted(len(calibration.reasons), "doubt")
+        leading = (
+            precedence.leading(calibration.topics).num if calibration.topics else len(calibration.reasons)
+        )
+        more = len(calibration.reasons) - leading
+        return counted(leading, "doubt") + (f", and {more} that may follow" if more else "")
     uncertainty = calibration.believed_uncertainty
     if uncertainty is None:
         return ""
@@ -84,6 +97,14 @@ def figures(calibration: CalibrationDocument) -> str:
         if calibration.is_camera_confirmed
         else f"{error}, if K is right, which these frames do not show"
     )
+
+
+def shown_reasons(reasons: Sequence[str], topics: Sequence[str], *, verbose: bool = False) -> list[str]:
+    """List the leading reasons, and count those that may follow from them; all if `verbose`."""
+    leading = len(reasons) if verbose or not topics else precedence.leading(topics).num
+    if leading == len(reasons):
+        return [*reasons]
+    return [*reasons[:leading], f"{len(reasons) - leading} more may follow from this (--verbose lists them)"]
 
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
@@ -98,11 +119,16 @@ def labelled(label: str, line: str) -> str:
     return f"{label:<{LABEL_WIDTH}}{printable(line)}"
 
 
-def _label_rows(quality: Quality) -> Rows:
-    visible = (
-        f"{quality.label_agreement:.1%} of {quality.num_points:,} visible points agree with their pixels"
-    )
-    return [("labels", visible), ("", f"they cover {quality.overlap:.0%} of the image")]
+def _label_rows(calibration: CalibrationDocument) -> Rows:
+    """Describe how well points and pixels agree; the share that agrees, only where it falls at a wrong pose."""
+    quality = calibration.quality
+    visible = f"{quality.num_points:,} are visible, and cover {quality.overlap:.0%} of the image"
+    rows = [("points", visible)]
+    if policy_of(cues_of_options(calibration.settings.options)).starts is None:
+        rows.append(("", f"{quality.label_agreement:.1%} of them agree with their pixels"))
+    if quality.turn_loss is not None:
+        rows.append(("turned by 5 deg", f"the camera loses {quality.turn_loss:.0%} of the information"))
+    return rows
 
 
 def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
@@ -128,11 +154,18 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
 
 def _camera_rows(calibration: CalibrationDocument) -> Rows:
     """Describe the intrinsics and the clock that were estimated together with the pose."""
-    lines = []
+    lines, is_trusted = [], calibration.is_believed
     if (camera := calibration.camera) is not None:
-        lines = [*(intrinsic.line for intrinsic in intrinsic_texts(camera)), kept_sentence(camera)]
+        lines = [
+            *(intrinsic.line for intrinsic in intrinsic_texts(camera, is_trusted=is_trusted)),
+            kept_sentence(camera),
+        ]
     rows = [("" if number else "intrinsics", line) for number, line in enumerate(lines)]
-    return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock))]
+    return (
+        rows
+        if calibration.clock is None
+        else [*rows, ("clock", clock_sentence(calibration.clock, is_trusted=is_trusted))]
+    )
 
 
 def _repeatability_rows(repeatability: Repeatability | None) -> Rows:

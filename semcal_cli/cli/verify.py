@@ -115,6 +115,9 @@ def verify(settings: VerifySettings) -> None:
             if outputs.is_illustrated:
                 _illustrate(verification, data, pose, outputs, terminal)
     cases = [Case.of_check(check) for check in verification.checks]
+    if verification.is_reasoned:
+        # No check is judged, so CI counts the drive as a whole.
+        cases = [Case("transform", verification.verdict, "; ".join(verification.reasons))]
     seconds = perf_counter() - start
     report = CiReport(
         "verify",
@@ -132,7 +135,7 @@ def verify(settings: VerifySettings) -> None:
         document = asdict(verification) | {"T_camera_lidar": verification.T_camera_lidar.tolist()}
         click.echo(json.dumps(document, allow_nan=False))
     else:
-        _print(verification)
+        _print(verification, verbose=settings.verbose)
     report.tell_github()
     sys.exit(report.exit_code)
 
@@ -157,17 +160,19 @@ def _illustrate(
         terminal.print_paths("image", overlays.write_all(outputs.images))
 
 
-def _print(verification: Verification) -> None:
-    from semcal_cli.cli.tables import wrapped
+def _print(verification: Verification, *, verbose: bool) -> None:
+    from semcal_cli.checks import precedence
+    from semcal_cli.cli.tables import shown_reasons, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.pipeline.verdict import overall_offsets
 
     for check in verification.checks:
-        click.echo(_check_line(check))
-    for sentence in (*verification.reasons, *verification.notes, verification.sentence):
+        click.echo(_check_line(check, verification.word(check)))
+    reasons = shown_reasons(verification.reasons, verification.topics, verbose=verbose)
+    for sentence in (*reasons, *verification.notes, verification.sentence):
         for line in wrapped("", sentence, indent=0):
             click.echo(line)
-    num = len(verification.reasons)
+    num = precedence.leading(verification.topics).num
     decisive = (
         f"{num} reason{'s' * (num > 1)}, see above"
         if verification.is_reasoned
@@ -177,8 +182,11 @@ def _print(verification: Verification) -> None:
     console.print(f"{verification.verdict}: {decisive}", style=COLORS[verification.verdict], markup=False)
 
 
-def _check_line(check: AxisVerdict) -> str:
-    half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
-    offset = round(check.offset, 4) + 0.0  # no -0.0000
-    text = f"{offset:.4f} {half:<12}" if check.has_estimate else "not determined"
-    return f"{check.name:<21}{text:>23} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"
+def _check_line(check: AxisVerdict, word: str) -> str:
+
+    text, allowed = check.text, f"{check.allowed:g} {check.unit}"
+    if text.offset:
+        found = f"{text.offset:>9} {f'+- {text.half_width}' if text.half_width else '':<9}{check.unit}"
+    else:
+        found = "not determined".rjust(19)
+    return f"{check.name:<21}{found:<24}allowed {allowed:<10}{word}"

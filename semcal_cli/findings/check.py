@@ -116,6 +116,12 @@ class Check:
     """What to do about it, in the imperative; empty if the sentence says it all, as many of an inspection do."""
     entry: Entry
     """The entry in docs/troubleshooting.md."""
+    advice_beside_start: str = ""
+    """What to do if a start was given, where `advice` is to give one."""
+    explains: frozenset[str] = frozenset()
+    """Topics of findings that may follow from this one, which then come after it."""
+    options: tuple[str, ...] = ()
+    """Options of another calibration that corrects what was found."""
     settings: Mapping[str, Limit] = field(default_factory=dict)
     """Limits by name that are settings, in addition to those in limits.json."""
 

@@ -19,3 +19,12 @@ class Finding(NamedTuple):
     def sentence(self) -> str:
         """The sentence to show: what was found, and what to do about it."""
         return f"{self.found}: {self.advice}" if self.advice else self.found
+
+
+class Leading(NamedTuple):
+    """The first reasons against a pose, which the others may follow from."""
+
+    num: int
+    """Number of them."""
+    options: tuple[str, ...] = ()
+    """Options of another calibration that corrects what the first one found."""

@@ -303,7 +303,7 @@ def _point_labels(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Labels]:
         frame = next(f for f, of_cloud in zip(drive.frames, labels, strict=True) if of_cloud is None)
         needed = "needed a file of class ids, or a field of the cloud named label, class or semantic"
         if not present:
-            needed += "; edges need none: leave out --cue, or use --cue edges"
+            needed += "; edges need none (--cue edges)"
         raise InputError(f"{drive.path}: {frame.key('point_labels')}: found nothing, {needed}")
     return present
 

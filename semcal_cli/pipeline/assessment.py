@@ -8,10 +8,10 @@ from time import perf_counter
 
 import numpy as np
 
+from semcal_cli.checks import few_scenes
 from semcal_cli.checks.camera_motion import check_camera_motion
 from semcal_cli.checks.cues_disagree import check_coarse_cue
 from semcal_cli.checks.families import check_consistency, check_uncertainty
-from semcal_cli.checks.few_scenes import check_scenes
 from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
 from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.checks.moved_camera import check_frames
@@ -49,6 +49,8 @@ from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
 
+CLOCKS = "clocks"
+"""Topic of the finding that states the offset of the clock."""
 ADVICE_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
 WRONG_POSE = (OTHER_AZIMUTH.topic, WRONG_PAIRING.topic)
@@ -77,16 +79,24 @@ def assess(
     used, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
     pose = _AssessedPose(used, stages, config.polish, ClockUncertainty.of(used, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(used.checked_by, T, with_clock=pose.tells_clock)
+        measured = check_consistency(
+            used.checked_by, T, with_clock=pose.tells_clock, estimated_s=pose.estimated_s
+        )
         assessment = _compare_frames(pose).with_measured(*measured)
     else:
         can_bleed = with_label_bleed and data.policy.has_label_bleed
         assessment = _judge(pose, with_label_bleed=can_bleed)
+    if any(finding.topic == CLOCKS for finding in assessment.findings):
+        # The finding states the offset.
+        of_clock = notes_on_clock(used, pose.clock)
+        assessment = replace(
+            assessment, notes=tuple(note for note in assessment.notes if note not in of_clock)
+        )
     if data.coarse_cue is not None and data.policy.needs_near_start:
         by_coarse_cue = check_coarse_cue(data.coarse_cue, T, stages.initial.T_camera_lidar)
         assessment = assessment.with_measured(by_coarse_cue)
     stages = replace(stages, assessment=assessment)
-    doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
+    doubts = "there are doubts" if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))
     return stages
 
@@ -133,6 +143,11 @@ class _AssessedPose:
     def tells_clock(self) -> bool:
         """Whether a check of the clock is meaningful: at constant speed, any time offset fits equally well."""
         return self.clock is not None and self.clock.is_checked
+
+    @property
+    def estimated_s(self) -> float | None:
+        """Estimate of the offset of the clock; None if the frames do not determine it."""
+        return self.clock.offset_s if self.clock is not None and self.clock.is_checked else None
 
     @property
     def is_clock_estimated(self) -> bool:
@@ -194,7 +209,9 @@ def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
     # While one check runs Python code, the core works on another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, pose)
-        of_consistency = pool.submit(check_consistency, of_checks, T, with_clock=pose.tells_clock)
+        of_consistency = pool.submit(
+            check_consistency, of_checks, T, with_clock=pose.tells_clock, estimated_s=pose.estimated_s
+        )
         of_scale = pool.submit(check_scale, of_checks)
         of_pose = pool.submit(_uncertainty, pose, with_label_bleed=with_label_bleed)
         frames, uncertainty, consistency = of_frames.result(), of_pose.result(), of_consistency.result()
@@ -270,7 +287,7 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     measured = [*check.measured, *check_pairs(observations, T, pose.stages.last.agreement, names)]
     num_scenes = len(set(observations.scenes))
     if cues := data.policy.wanting_scenes:
-        measured.append(check_scenes(num_scenes, cues))
+        measured.append(few_scenes.check_scenes(num_scenes, cues))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
         same = "the others show the same scenes"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic_core import to_jsonable_python
 
+from semcal_cli.checks import precedence
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting import Mounting
@@ -29,7 +30,14 @@ def make_calibration(
     Raises:
         CalibrationError: the pose is not finite or not rigid.
     """
-    findings, assessment, joint = stages.findings, stages.assessment, stages.joint
+    assessment, joint = stages.assessment, stages.joint
+    is_near = data.policy.needs_near_start and config.initialization.search_deg is None
+    findings = precedence.diagnosed(
+        stages.findings,
+        weak=data.policy.weak,
+        start="" if initial_pose is None else initial_pose.name,
+        near_only=data.policy.near_only if is_near else (),
+    )
     options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
     if initial_pose is not None and initial_pose.source is None:
         options["given"] = initial_pose.name
@@ -46,7 +54,7 @@ def make_calibration(
         topics=tuple(finding.topic for finding in findings),
         notes=stages.notes,
         parts=() if assessment is None else assessment.parts,
-        quality=stages.quality(len(data.drive.frames)),
+        quality=stages.quality(data.observations),
         stages=stages.records,
         uncertainty=stages.uncertainty,
         repeatability=stages.repeatability,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
-from semcal_cli.checks.few_scenes import FEW_SCENES
+from semcal_cli.checks import few_scenes
 from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
 from semcal_cli.checks.other_pose import OTHER_POSE
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
@@ -47,7 +47,7 @@ def resolve_mountings(
     """
     observations, starts = data.observations, data.observations.starts
     assert starts is not None
-    if not data.policy.needs_near_start and len(set(observations.scenes)) < FEW_SCENES.limit():
+    if not data.policy.needs_near_start and len(set(observations.scenes)) < few_scenes.FEW_SCENES.limit():
         # Segments of few scenes make no mounting clear, and take minutes for that.
         return initial, refined, False
     best = mounting = initial.hypotheses[0]

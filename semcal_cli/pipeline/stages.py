@@ -148,8 +148,13 @@ class Stages:
             for name, stage in self.poses.items()
         }
 
-    def quality(self, num_frames: int) -> Quality:
-        """Measure how well points and images agree at the last pose, for `num_frames` used frames."""
+    def quality(self, observations: Observations) -> Quality:
+        """Measure how well points and images agree at the last pose.
+
+        Args:
+            observations: Those of the drive, by the cues that refined the pose.
+        """
+        seen = self.seen or observations
         agreement = self.last.agreement
         return Quality(
             mutual_information_nats=agreement.mutual_information,
@@ -157,7 +162,8 @@ class Stages:
             label_agreement=agreement.label_agreement,
             overlap=agreement.overlap,
             num_points=agreement.num_inside - agreement.num_hidden,
-            num_frames=num_frames,
+            turn_loss=seen.turn_loss(self.T_camera_lidar),
+            num_frames=observations.num_frames,
             runner_up_margin=None if self.searched is None else self.searched.runner_up_margin,
         )
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.uncertainty.quantiles import overall_width
+from semcal_cli.result.uncertainty import figure
 
 Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
 Unit: TypeAlias = Literal["cm", "deg", "ms"]
@@ -24,6 +25,16 @@ CLOCK = "clock"
 """Name of the check of the camera's clock."""
 UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
 """Units in words."""
+
+
+class CheckText(NamedTuple):
+    """A check as text, to two significant digits of its interval; all figures are in the unit of the check."""
+
+    offset: str
+    """The offset, with as many digits as tell it from the limit; empty if it is not determined."""
+    half_width: str
+    """Half width of the 95 % interval; empty if it is unknown."""
+    allowed: str
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,19 @@ class AxisVerdict:
     def has_estimate(self) -> bool:
         """Whether the offset is an estimate; an undetermined time offset stays at its given value."""
         return self.name != CLOCK or self.half_width is not None
+
+    @property
+    def text(self) -> CheckText:
+        """The check as text."""
+        rounded = figure(abs(self.offset) if self.half_width is None else self.half_width)
+        offset, allowed = format_against_limit(self.offset, self.allowed, len(rounded.partition(".")[2]))
+        if not self.has_estimate:
+            return CheckText("", "", f"{self.allowed:g}")
+        return CheckText(offset, "" if self.half_width is None else rounded, allowed)
+
+    def not_judged(self, *, is_trusted: bool) -> AxisVerdict:
+        """Leave the offset unjudged; the interval of an estimate that is not trusted is left out."""
+        return replace(self, half_width=self.half_width if is_trusted else None, verdict="inconclusive")
 
 
 def judge(
@@ -96,12 +120,12 @@ def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> 
 
 def figures(check: AxisVerdict) -> str:
     """Put a check's offset, interval and limit into words."""
-    if not check.has_estimate:
-        return f"not determined, allowed {check.allowed:g} {UNITS[check.unit]}"
-    unit = UNITS[check.unit]
-    half = f"{unit}, interval unknown" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
-    offset, allowed = format_against_limit(check.offset, check.allowed, 3)
-    return f"{offset} {half}, allowed {allowed}"
+    text, unit = check.text, UNITS[check.unit]
+    allowed = f"allowed {text.allowed} {unit}"
+    if not text.offset:
+        return f"not determined, {allowed}"
+    half = f"+- {text.half_width} {unit}" if text.half_width else f"{unit}, interval unknown"
+    return f"{text.offset} {half}, {allowed}"
 
 
 def overall_offsets(checks: Sequence[AxisVerdict]) -> list[str]:

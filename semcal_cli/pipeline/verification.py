@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
+from semcal_cli.checks import precedence
 from semcal_cli.checks.own_drive import check_own_drive
 from semcal_cli.config import (
     AdjustmentConfig,
@@ -15,6 +17,7 @@ from semcal_cli.config import (
     Limits,
     RefinementConfig,
 )
+from semcal_cli.config.directions import Direction
 from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError
@@ -49,6 +52,10 @@ SENTENCES: dict[Verdict, str] = {
     "fail": "The camera is not where the transform says. Calibrate again, or find out what moved it.",
     "inconclusive": "This drive cannot show whether the transform still holds. Try more frames, or other places.",
 }
+MISREAD = "The transform does not hold as it was read. Correct how it is written or read, and verify again."
+"""Sentence for a transform that looks like a mistake, since nothing then says that the camera moved."""
+INVERSE = "the inverse, T_lidar_camera"
+"""Mistake that the option for the direction corrects."""
 OF_CLOCK: dict[Verdict, str] = {
     "fail": "The transform still holds on this drive, but the camera's clock is off. Calibrate again with "
     "--estimate-delay, or find out what changed the clock.",
@@ -56,6 +63,7 @@ OF_CLOCK: dict[Verdict, str] = {
     "right.",
 }
 """Sentences for a transform that passes all its checks."""
+DIRECTIONS: tuple[str, ...] = get_args(Direction)
 CLOCK_TOPIC = "clocks"
 """Topic of the reasons why the check of the clock is inconclusive."""
 
@@ -83,6 +91,8 @@ class Verification:
     @property
     def sentence(self) -> str:
         """What the verdict means, and what to do."""
+        if LOOKS_LIKE in self.topics:
+            return MISREAD
         of_transform = [check.verdict for check in self.checks if check.name != CLOCK]
         is_clock_alone = together(of_transform) == "pass" and {*self.topics} <= {CLOCK_TOPIC}
         return (
@@ -93,6 +103,10 @@ class Verification:
     def is_reasoned(self) -> bool:
         """Whether the reasons make it inconclusive, whatever the offsets are."""
         return self.verdict == "inconclusive" and bool({*self.topics} - {CLOCK_TOPIC})
+
+    def word(self, check: AxisVerdict) -> str:
+        """Verdict on a check in a word; none is judged where reasons leave all of them open."""
+        return "not judged" if self.is_reasoned else check.verdict
 
 
 def verify(
@@ -208,16 +222,21 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         check, of_clock = _check_clock(data, stages, limits.delay_s)
         checks, notes = (*checks, check), tuple(note for note in notes if note not in of_clock)
     verdict: Verdict = "inconclusive"
-    reasons = [(finding.topic, finding.sentence) for finding in findings]
+    # The transform is a start, though none that could be left out.
+    doubts = precedence.diagnosed(findings, weak=data.policy.weak, start=stated.name)
+    reasons = [(finding.topic, finding.sentence) for finding in doubts]
     if not findings and uncertainty is not None:
         verdict = together(check.verdict for check in checks)
         looks = recognise(T_stated, estimate) if verdict == "fail" else []
-        reasons = [(LOOKS_LIKE, sentence) for sentence in looks]
+        reasons = [(LOOKS_LIKE, f"{sentence}: {_remedy(sentence, stated)}") for sentence in looks]
     reasons += [(CLOCK_TOPIC, sentence) for sentence in of_clock]
     of_record = () if stated.record is None else check_own_drive(data.drive, stated.record)
     reasons += [(finding.topic, finding.sentence) for finding in of_record]
     if of_record:
         verdict = "inconclusive" if verdict == "pass" else verdict
+    is_trusted = not findings and uncertainty is not None
+    if verdict == "inconclusive" and (of_record or not is_trusted):
+        checks = tuple(check.not_judged(is_trusted=is_trusted) for check in checks)
     clock = stages.joint.clock if stages.joint is not None and stages.is_joint else None
     return Verification(
         verdict,
@@ -250,6 +269,14 @@ def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
     return error.rotation_deg <= angle_deg and error.camera_center_m <= distance_m
 
 
+def _remedy(mistake: str, stated: InitialPose) -> str:
+    """Describe how to correct a mistake that a transform looks like."""
+    others = dict(zip(DIRECTIONS, DIRECTIONS[::-1], strict=True))
+    if mistake.endswith(INVERSE) and stated.direction in others:
+        return f"run again with --init-direction {others[stated.direction]}"
+    return f"correct {stated.name}"
+
+
 def recognise(T_stated: Pose, T_estimate: Pose) -> list[str]:
     """List the mistakes that explain the difference between a given transform (4, 4) and the estimate (4, 4)."""
     if _is_near(T_stated, T_estimate, SAME_DEG, SAME_M):
@@ -260,7 +287,7 @@ def recognise(T_stated: Pose, T_estimate: Pose) -> list[str]:
     center, place = T_stated.copy(), T_stated[:3, 3].tolist()
     center[:3, 3] = 0.001 * T_stated[:3, 3]
     poses_by_mistake = {
-        "the inverse, T_lidar_camera": inverse(T_stated),
+        INVERSE: inverse(T_stated),
         "T_body_lidar of a camera's body frame, x forward and z up": optical_body @ T_stated,
         "T_lidar_body of a camera's body frame, x forward and z up": optical_body @ inverse(T_stated),
         "a quaternion w x y z that was read as x y z w": pose_from_quaternion((y, z, w, x), place),

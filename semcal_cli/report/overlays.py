@@ -161,7 +161,9 @@ class Overlays:
     def strip(self, frame: int, caption: str) -> str:
         """Caption a frame: its name, the share of its points that agree at a pose, and the name of the pose."""
         words = [self.frame_names[frame]]
-        if self.observations.point_class_names and self.observations.image_class_names:
+        observations = self.observations
+        is_shown = not observations.is_multimodal  # with many maxima, the share may rise at a wrong pose
+        if is_shown and observations.point_class_names and observations.image_class_names:
             (points,) = frame_points([self.views[caption]], frame, self.is_associated).poses
             words += [] if points.agreement is None else [f"{100.0 * points.agreement:.1f} % agree"]
         return "   ".join([*words, caption])

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from semcal_cli import core
+from semcal_cli.checks import precedence
 from semcal_cli.config import LABELS
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.files.documents import FORMATS, document_text
@@ -87,6 +88,7 @@ def write_report(
         verdict=words.verdict(report),
         notices=(*report.notices, *(record.notes if record else ())),
         agreement=agreement,
+        turn_loss=observations.turn_loss(T),
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
         notations=notations(T),
@@ -94,7 +96,9 @@ def write_report(
         classes=class_agreements(observations, agreement, before),
         frame_names=frame_names([frame.points for frame in report.drive.frames]),
         frames_plots=frames_plots,
-        intrinsics=intrinsic_texts(record.camera) if record and record.camera else [],
+        intrinsics=[]
+        if record is None or record.camera is None
+        else intrinsic_texts(record.camera, is_trusted=record.is_believed),
         error_of=lambda stage: compare_poses(np.array(stage.T_camera_lidar), T),
         reach=_reach_of_hypotheses(record) if record else None,
         options=options,
@@ -110,7 +114,7 @@ def _next_steps(report: ReportInput) -> Rows:
     """List what to do with a calibration; empty for another file, or on other frames."""
     if report.record is None or not report.is_of_record or Path(report.name).suffix not in FORMATS:
         return []
-    return after_calibration(report.record, Path(report.name))
+    return after_calibration(report.record, Path(report.name), precedence.leading(report.record.topics))
 
 
 def _draw_content(report: ReportInput, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -202,6 +206,7 @@ def write_verification(
         notices=(*camera, *applied.sentences, *verification.notes),
         name=name,
         drive=data.drive,
+        verification=verification,
         checks=verification.checks,
         check_names=CHECK_NAMES,
         reach=min(REACH * max(1.0, farthest), MAX_REACH),

@@ -179,7 +179,7 @@ def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) 
         height=height,
         ground=ground,
         uri=data_uri(image, share),
-        agreements=tuple(None if observations.has_partitions else pose.agreement for pose in points.poses),
+        agreements=tuple(None if observations.is_multimodal else pose.agreement for pose in points.poses),
         points=points.thin(max_points).encode(width, height),
     )
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
+from semcal_cli.config import PolishConfig
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import listed
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
@@ -127,13 +127,18 @@ def camera_sentences(record: CalibrationDocument) -> list[str]:
         conjunction, sentence = "and" if record.camera.is_kept else "but", kept_sentence(record.camera)
         sentences.append(f"The intrinsics were estimated together with the pose, {conjunction} {sentence}.")
     if record.clock is not None:
-        sentence = clock_sentence(record.clock)
+        sentence = clock_sentence(record.clock, is_trusted=record.is_believed)
         sentences.append(f"{sentence[:1].upper()}{sentence[1:]}.")
     return sentences
 
 
-def frame_sentences(offsets: FrameOffsets, names: Sequence[str], num_parts: int) -> list[str]:
-    """Describe how far the poses of single frames lie from what their part of the drive fits."""
+def frame_sentences(
+    offsets: FrameOffsets, names: Sequence[str], num_parts: int, *, is_multimodal: bool = False
+) -> list[str]:
+    """Describe how far the poses of single frames lie from what their part of the drive fits.
+
+    Where the information has many maxima, that of a single frame often reaches another one, beyond its interval.
+    """
     is_determined, is_within = offsets.is_determined, offsets.is_within
     sentences, fitted = [], "the result"
     if num_parts:
@@ -145,12 +150,19 @@ def frame_sentences(offsets: FrameOffsets, names: Sequence[str], num_parts: int)
         residuals = (offsets.offsets - offsets.of_parts)[is_determined]
         scatter = np.sqrt((residuals**2).mean(axis=0))
         far_cm, far_deg = 100.0 * float(np.linalg.norm(scatter[:3])), float(np.linalg.norm(scatter[3:]))
+        scattered = f"scatter around {fitted} by {figure(far_cm)} cm and {figure(far_deg)} degrees"
         outliers = np.flatnonzero(is_determined & ~is_within.all(axis=1)).tolist()
         which = f" The others belong to {listed(names[frame] for frame in outliers)}." if outliers else ""
-        sentences.append(
-            f"{int(is_within.sum())} of {6 * int(is_determined.sum())} intervals contain {fitted}, and the frames "
-            f"scatter around it by {figure(far_cm)} cm and {figure(far_deg)} degrees.{which}"
-        )
+        if is_multimodal:
+            sentences.append(
+                f"The frames {scattered}. By this cue, a single frame often fits another pose best, beyond its bars: "
+                "that is normal, and why frames are combined."
+            )
+        else:
+            sentences.append(
+                f"{int(is_within.sum())} of {6 * int(is_determined.sum())} intervals contain {fitted}, and the frames "
+                f"{scattered}.{which}"
+            )
     if not is_determined.all():
         undetermined = listed(names[frame] for frame in np.flatnonzero(~is_determined).tolist())
         sentences.append(f"Frames whose own labels do not determine a pose: {undetermined}.")
@@ -158,30 +170,46 @@ def frame_sentences(offsets: FrameOffsets, names: Sequence[str], num_parts: int)
 
 
 def runner_up_sentences(record: CalibrationDocument) -> list[str]:
-    """State how much worse the best other mounting is; empty without another one."""
+    """State how much worse the best other mounting was in the search; empty without another one.
+
+    Where that speaks against the pose, it is a reason with its limit.
+    """
     margin = record.quality.runner_up_margin
     if margin is None:
         return []
     less = "less" if margin >= 0.0 else "more"
+    sentence = (
+        f"In the search, the best other mounting had {abs(margin):.1f} standard errors {less} information."
+    )
+    if policy_of(cues_of_options(record.settings.options)).starts is None:
+        return [sentence]
     return [
-        f"The best other mounting has {abs(margin):.1f} standard errors {less} information; a trusted result needs at "
-        f"least {MIN_RUNNER_UP_MARGIN:g} less."
+        f"{sentence} Where that leaves a doubt, both mountings are refined, and the refined poses decide."
     ]
 
 
 def polish_sentences(record: CalibrationDocument) -> list[str]:
-    """Describe what the polish gained on data that it did not use; empty if nothing was polished."""
+    """Describe what the polish gained on data that it did not use, and what loss is allowed; empty without a polish."""
     if record.polish is None:
         return []
-    decision, outcome = "not kept", "lost information"
-    if record.polish.accepted:
-        lost = record.polish.held_out_gain_nats < 0.0
-        decision, outcome = (
-            "kept",
-            "lost no more information than by chance" if lost else "gained information",
-        )
-    gain = _held_out(record, 1.0) or "standard error unknown"
-    return [f"The polish was {decision}: held-out data {outcome} ({gain})."]
+    gain = _held_out(record, 1.0)
+    told = f"({gain or 'standard error unknown'})"
+    decision = "kept" if record.polish.accepted else "not kept"
+    if record.polish.accepted and record.polish.held_out_gain_nats >= 0.0:
+        return [f"The polish was {decision}: held-out data gained information {told}."]
+    is_multimodal = policy_of(cues_of_options(record.settings.options)).starts is not None
+    most = PolishConfig.max_loss_of_tops if is_multimodal else PolishConfig.max_loss
+    allowed = f", of which {most:g} standard errors are allowed" if gain else ""
+    because = ", since these data took part in the choice of the maximum" if gain and is_multimodal else ""
+    return [f"The polish was {decision}: held-out data lost information {told}{allowed}{because}."]
+
+
+def stage_nats(record: CalibrationDocument, stage: str) -> str:
+    """Format the information after a stage; a dash where it is of other cues than that of the result."""
+    is_of_others = policy_of(cues_of_options(record.settings.options)).searched_by is not None
+    if stage == "initial" and is_of_others:
+        return "-"
+    return f"{record.stages[stage].mutual_information_nats:.4f}"
 
 
 def _why_unknown(record: CalibrationDocument) -> str:

@@ -193,7 +193,12 @@ class CalibrationDocument(StrictModel):
     @property
     def believed_uncertainty(self) -> Uncertainty | None:
         """Uncertainty to show; None for a transform that is not trusted, which may be off by far more."""
-        return None if self.status == "not_trusted" else self.uncertainty
+        return self.uncertainty if self.is_believed else None
+
+    @property
+    def is_believed(self) -> bool:
+        """Whether intervals are shown: nothing speaks against the transform."""
+        return self.status != "not_trusted"
 
     @property
     def has_found_camera(self) -> bool:

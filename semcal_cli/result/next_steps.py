@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from semcal_cli.documentation import ADDRESS, entry_address
 from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.findings.finding import Leading
+from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 
 if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
@@ -39,23 +42,30 @@ def after_import(drive: Drive) -> str:
     return shell("calibrate", name, *network, "-o", "calibration.yaml")
 
 
-def after_calibration(calibration: CalibrationDocument, result: Path) -> Rows:
+def after_calibration(calibration: CalibrationDocument, result: Path, leading: Leading | None = None) -> Rows:
     """Describe what to do with a calibration that was written to a file.
 
     A trusted result is looked at, converted for a robot, and verified later. Each kind of reason against another one
-    has an entry in the documentation.
+    has an entry in the documentation, and what the first one can be corrected by comes first. A result that nothing
+    checked is refined, which checks it.
+
+    Args:
+        calibration: The calibration.
+        result: Its file.
+        leading: The reasons to name, if not all are.
     """
     drive = drive_name(Path(os.path.normpath(result.parent / calibration.input.drive)))
-    is_start = calibration.status == "not_assessed" and [*calibration.stages] == ["initial"]
-    if is_start:
+    if calibration.status == "not_assessed":
         refined = result.with_stem(f"{result.stem}_refined")
         return [("next", shell("refine", drive, "--init", result, "-o", refined))]
     if calibration.status == "not_trusted":
-        entries = [*map(entry_address, dict.fromkeys(calibration.topics))] or [TROUBLESHOOTING]
+        leading = leading or Leading(len(calibration.topics))
+        entries = [*map(entry_address, dict.fromkeys(calibration.topics[: leading.num]))] or [TROUBLESHOOTING]
         labels = ["why", *[""] * (len(entries) - 1)]
+        correction = _correction(calibration, drive, result, leading.options)
+        commands = [*correction, shell("inspect", drive), shell("view", drive, result)]
         return [
-            ("next", shell("inspect", drive)),
-            ("", shell("view", drive, result)),
+            *zip(["next", *[""] * (len(commands) - 1)], commands, strict=True),
             *zip(labels, entries, strict=True),
         ]
     if calibration.status == "trusted":
@@ -65,3 +75,17 @@ def after_calibration(calibration: CalibrationDocument, result: Path) -> Rows:
             ("on a later drive", f"semcal verify checks whether {result.name} still holds"),
         ]
     return []
+
+
+def _correction(
+    calibration: CalibrationDocument, drive: Path, result: Path, options: Sequence[str]
+) -> list[str]:
+    """Write the calibration with options that correct this one, if there are any and it was made without them."""
+    settings = calibration.settings.options
+    if not options or "jointly" in settings:
+        return []
+    cues = cues_of_options(settings)
+    of_cues = ["--cue", ",".join(cues)] if "cues" in settings else []
+    start = ["--init", result] if policy_of(cues).needs_near_start else []
+    corrected = result.with_stem(f"{result.stem}_corrected")
+    return [shell("calibrate", drive, *of_cues, *start, *options, "-o", corrected)]

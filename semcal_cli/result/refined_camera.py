@@ -164,20 +164,22 @@ class IntrinsicText(NamedTuple):
     given: str
     found: str
     half_width: str
-    """Half width of the 95 % interval; empty if the data do not determine the intrinsic."""
+    """Half width of the 95 % interval; empty if the data do not determine the intrinsic, or it is not trusted."""
     unit: str
     """` px` for those in K, empty for the others."""
+    is_determined: bool
 
     @property
     def line(self) -> str:
         """The intrinsic with its interval, and the value that the drive has."""
-        if self.half_width:
-            return f"{self.name} {self.found} +- {self.half_width}{self.unit} (drive: {self.given})"
+        if self.is_determined:
+            half = f" +- {self.half_width}" if self.half_width else ""
+            return f"{self.name} {self.found}{half}{self.unit} (drive: {self.given})"
         return f"{self.name} not determined: kept at {self.given}{self.unit}"
 
 
-def intrinsic_texts(camera: RefinedCamera) -> list[IntrinsicText]:
-    """Write each intrinsic that was estimated."""
+def intrinsic_texts(camera: RefinedCamera, *, is_trusted: bool) -> list[IntrinsicText]:
+    """Write each intrinsic that was estimated, with its interval if the calibration is trusted."""
     texts = []
     for name, estimate in camera.intrinsics.items():
         if estimate.half_width_95 is None:
@@ -189,7 +191,10 @@ def intrinsic_texts(camera: RefinedCamera) -> list[IntrinsicText]:
             before, after = (
                 f"{round(value, digits) + 0.0:.{digits}f}" for value in (estimate.given, estimate.found)
             )
-        texts.append(IntrinsicText(name, before, after, half, " px" if name in K_ENTRIES else ""))
+        unit = " px" if name in K_ENTRIES else ""
+        texts.append(
+            IntrinsicText(name, before, after, half if is_trusted else "", unit, estimate.is_determined)
+        )
     return texts
 
 
@@ -204,12 +209,13 @@ def kept_sentence(camera: RefinedCamera) -> str:
     return f"not kept: held-out data gain {gain}; {OF_DRIVE}"
 
 
-def clock_sentence(clock: Clock) -> str:
-    """Describe how far the clock of the images is off, with the 95 % interval."""
+def clock_sentence(clock: Clock, *, is_trusted: bool) -> str:
+    """Describe how far the clock of the images is off, with the 95 % interval if the calibration is trusted."""
     if not clock.is_determined or clock.half_width_95_s is None:
         return clock.meaning
     not_kept = "" if clock.is_kept else "; not kept: the transform belongs to the stamps of the drive"
-    return f"{clock.meaning}, +- {figure(1000.0 * clock.half_width_95_s)} ms{not_kept}"
+    half = f", +- {figure(1000.0 * clock.half_width_95_s)} ms" if is_trusted else ""
+    return f"{clock.meaning}{half}{not_kept}"
 
 
 def offset_words(time_offset_s: float) -> str:

@@ -94,7 +94,11 @@ class Quality(StrictModel):
     bias_nats: Figure
     """Miller and Madow's estimate of the bias by which the mutual information is too high."""
     label_agreement: Share
-    """Share of visible point-pixel pairs with positive pointwise mutual information."""
+    """Share of visible point-pixel pairs with positive pointwise mutual information. By edges and intensity, it may
+    rise where the pose is wrong."""
+    turn_loss: Figure | None = None
+    """Share of the mutual information, minus its bias, that the camera loses on average if it is turned by 5 degrees
+    about any of its axes: it falls where the pose is wrong. Absent in older files."""
     overlap: Share
     """Share of the image's area that visible points cover."""
     num_points: Count

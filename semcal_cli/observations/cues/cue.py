@@ -44,6 +44,9 @@ class Cue:
     has to agree with it in the end."""
     weight_beside_local: float = 1.0
     """Weight of each point when a pose is refined together with a local cue."""
+    is_weak: bool = False
+    """Whether the best pose by this cue alone is often wrong, so that it is the first doubt where others speak against
+    the pose."""
     min_scenes: int = 1
     """Minimum number of scenes from which a pose is trusted."""
     has_point_labels: bool = False

@@ -211,4 +211,4 @@ def _limits(drive: Drive, side: str, values: Numbers, config: IntensityConfig) -
     return limits
 
 
-CUE = Cue(observe=observe_intensity, files=("image",), config=INTENSITY, starts=STARTS)
+CUE = Cue(observe=observe_intensity, files=("image",), config=INTENSITY, starts=STARTS, is_weak=True)

@@ -64,6 +64,11 @@ class Policy:
         return tuple(name for name, cue in self.cues.items() if not cue.can_find_mounting)
 
     @property
+    def weak(self) -> tuple[CueName, ...]:
+        """Cues by which a pose is refined, if all of them are weak; else none."""
+        return self.refined if all(self.cues[name].is_weak for name in self.refined) else ()
+
+    @property
     def needs_near_start(self) -> bool:
         """Whether a pose is refined from around a start near the right one, as by edges without labels."""
         return not all(cue.can_find_mounting for cue in self._decisive.values())

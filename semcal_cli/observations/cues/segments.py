@@ -120,6 +120,7 @@ CUE = Cue(
     starts=STARTS,
     finds_mounting_alone=True,
     is_coarse=True,
+    is_weak=True,
     weight_beside_local=SEGMENTS.weight_by_intensity,
     has_image_labels=True,
     has_partitions=True,

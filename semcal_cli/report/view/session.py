@@ -190,10 +190,9 @@ class Session:
             "T": T.tolist(),
             "text": T_notation(T).text,
             "points": encoded,
-            "agreement_of_frame": visible.poses[0].agreement,
+            "agreement_of_frame": None if self.observations.is_multimodal else visible.poses[0].agreement,
             "num_visible": int(visible.poses[0].is_visible.sum()),
-            "mutual_information": None if agreement is None else agreement.mutual_information,
-            "agreement": None if agreement is None else agreement.label_agreement,
+            "information": None if agreement is None else agreement.mutual_information - agreement.bias,
         }
 
     def refine(self, request: dict[str, Any]) -> dict[str, Any]:

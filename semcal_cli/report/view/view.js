@@ -15,7 +15,7 @@
   let base = data.start || Object.values(data.mountings)[0];
   let frame = 0, points = null;
   const course = [];
-  let lastPose = "";
+  let lastPose = "", best = 1e-12;
 
   const asked = () => ({ base, offsets: offsets.map((x, i) => (i < 3 ? x / 100 : x)), frame });
 
@@ -63,10 +63,11 @@
     byId("frame-name").textContent = `${data.frames[frame]} (${frame + 1} of ${data.frames.length})`;
     const share = found.agreement_of_frame;
     byId("frame-agreement").textContent = share === null ? `${found.num_visible} points` : `${(100 * share).toFixed(1)} % agree`;
-    if (found.mutual_information !== null) {
-      byId("agreement").textContent = `${(100 * found.agreement).toFixed(2)} %`;
-      byId("information").textContent = found.mutual_information.toFixed(4);
-      if (found.text !== lastPose) course.push(found.mutual_information);
+    if (found.information !== null) {
+      best = Math.max(best, found.information);
+      byId("share").textContent = `${(100 * Math.max(found.information, 0) / best).toFixed(0)} %`;
+      byId("information").textContent = found.information.toFixed(4);
+      if (found.text !== lastPose) course.push(found.information);
       lastPose = found.text;
       if (course.length > 300) course.shift();
       byId("course-figure").hidden = course.length < 2;

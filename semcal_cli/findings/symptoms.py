@@ -1,0 +1,37 @@
+"""Topics of findings that come up because of something else, for checks to state what they explain."""
+
+from __future__ import annotations
+
+OF_A_WRONG_CLOCK: frozenset[str] = frozenset(
+    {
+        "camera-motion",
+        "focal-length",
+        "frames-disagree",
+        "intrinsics",
+        "moved-camera",
+        "odd-frames",
+        "polish-rejected",
+        "wide-interval",
+        "wrong-pairing",
+    }
+)
+"""What images of another moment look like: frames at other speeds need other poses, and fit their sweeps less well. The
+interval includes what the offset costs."""
+OF_A_WRONG_POSE: frozenset[str] = OF_A_WRONG_CLOCK | frozenset(
+    {
+        "chance",
+        "clocks",
+        "cues-disagree",
+        "no-direction",
+        "not-determined",
+        "other-azimuth",
+        "other-mounting",
+        "other-pose",
+        "overlap",
+        "polish-not-settled",
+        "polish-not-tested",
+        "refinement-not-settled",
+        "seeds",
+    }
+)
+"""What is measured at a pose that is wrong or hardly determined, and means nothing there."""
