@@ -10,8 +10,7 @@ import numpy as np
 
 from semcal_cli.checks.camera_motion import check_camera_motion
 from semcal_cli.checks.cues_disagree import check_coarse_cue
-from semcal_cli.checks.families import check_consistency, check_uncertainty
-from semcal_cli.checks.few_scenes import check_scenes
+from semcal_cli.checks.families import check_consistency, check_recording, check_uncertainty
 from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
 from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.checks.moved_camera import check_frames
@@ -39,13 +38,15 @@ from semcal_cli.estimation.uncertainty.intrinsics import (
 from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.findings.check import Measured
+from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
 
+UNTIED_TOPIC = "untied-clocks"
+"""Topic of the finding that says more of the clock than its note."""
 ADVICE_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
 
@@ -260,9 +261,8 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     observations, names = data.checked_by, [frame.points for frame in frames]
     check = check_frames(observations, T, names)
     measured = [*check.measured, *check_pairs(observations, T, pose.stages.last.agreement, names)]
+    measured += check_recording(data, pose.clock, with_clock=not pose.is_clock_estimated)
     num_scenes = len(set(observations.scenes))
-    if cues := data.policy.wanting_scenes:
-        measured.append(check_scenes(num_scenes, cues))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
         same = "the others show the same scenes"
@@ -272,7 +272,8 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
             f"the {observations.num_frames} frames count as {counted(num_scenes, 'frame')}, because {same}: add frames "
             "recorded while driving"
         )
-    if not pose.is_clock_estimated:
+    topics = {finding.topic for finding in findings_among(measured)}
+    if not pose.is_clock_estimated and UNTIED_TOPIC not in topics:
         notes += notes_on_clock(data, pose.clock)
     has_labels = any(frame.image_labels is not None for frame in frames)
     if has_labels and all(frame.image is None for frame in frames):
