@@ -112,8 +112,8 @@ def test_a_trigger_does_not_tie_sweeps_to_images_of_other_names(loaded: LoadedDr
     ]
     (sentence,) = sentences(restated(loaded, synchronization="hardware", frames=frames))
     assert sentence == (
-        "sweep 000001.bin is paired with image 000002.png, and image 000001.png with another sweep: pair each sweep "
-        "with the image of its name"
+        "sweep 000001.bin is paired with image 000002.png, and image 000001.png with another sweep: check that each "
+        "sweep has the image of its name"
     )
     stamped = [frame.model_copy(update={"points_stamp": 1.0, "image_stamp": 1.0}) for frame in frames]
     assert sentences(restated(loaded, synchronization="hardware", frames=stamped)) == []

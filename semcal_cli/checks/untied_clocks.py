@@ -61,14 +61,14 @@ UNTIED_CLOCKS = Check(
 )
 OTHER_NAMES = Check(
     topic="other-names",
-    advice="pair each sweep with the image of its name",
+    advice="check that each sweep has the image of its name",
     entry=Entry(
         title="Images belong to sweeps of other names",
         section=PageSection.CAMERA,
         quotes=(
             (
                 "sweep 0000000329.bin is paired with image 0000000330.png, and image 0000000329.png with another "
-                "sweep: pair each sweep with the image of its name"
+                "sweep: check that each sweep has the image of its name"
             ),
         ),
         meaning=(
