@@ -188,6 +188,7 @@ class MovingStreet:
             "camera": self.camera.model_dump(mode="json", exclude_unset=True) | shutter,
             "frames": frames,
             "ignore": {"points": [0], "image": [0]},
+            "synchronization": "stamps",
             "T_camera_lidar": self.T_camera_lidar.tolist(),
         }
         (folder / "drive.yaml").write_text(document_text(document, "yaml"))

@@ -205,7 +205,7 @@ def test_what_is_wrong_with_a_camera_is_said_in_a_line(given: dict[str, Any], co
         ({"motion": {"poses": "a.txt"}}, "arrays: motion.poses: found 'a.txt', needed 'poses', the array"),
         (
             {"image": [LABELS]},
-            "image: found an unknown argument, needed one of 19, nearest: images, ",
+            "image: found an unknown argument, needed one of 20, nearest: images, ",
         ),
         ({"image_labels": [None]}, "arrays: frames[points[0]].image_labels: found nothing, needed a file"),
         ({"lidar": {"channels": 1}}, "arrays: lidar.channels: found 1, needed at least 2"),

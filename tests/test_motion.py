@@ -257,7 +257,8 @@ def test_sweeps_without_times_move_as_a_whole(late: Path, tmp_path: Path) -> Non
     motion = drive.motion and drive.motion.model_copy(update={"point_times": "absolute"})
     absolute = read_observations(drive.model_copy(update={"motion": motion}))
     assert offsets_m(absolute, read_observations(drive)).max() == 0.0
-    note = f"{len(frames)} of 6 sweeps have no point times, and are assumed to be deskewed to points_stamp"
+    note = f"{len(frames)} of 6 sweeps have no point times, and are moved as a whole: if they are "
+    note += "deskewed to points_stamp, motion.point_times: deskewed says so"
     assert LoadedDrive(drive, found).notes == (note,)
     assert LoadedDrive(drive, timed).notes == ()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from semcal_cli import core
 from semcal_cli.checks.baseline import check_baseline
 from semcal_cli.checks.chance import check_chance
+from semcal_cli.checks.few_scenes import check_scenes
 from semcal_cli.checks.label_overlap import check_overlap
 from semcal_cli.checks.motion_unstated import check_motion, check_shutter, check_unstated
 from semcal_cli.checks.no_direction import check_directions
@@ -15,16 +16,19 @@ from semcal_cli.checks.polish_rejected import check_held_out
 from semcal_cli.checks.prior import check_priors
 from semcal_cli.checks.refits import check_other_models
 from semcal_cli.checks.settled import check_fusion, check_polish, check_refinement
+from semcal_cli.checks.untied_clocks import check_clocks
 from semcal_cli.checks.wide_interval import check_interval
 from semcal_cli.checks.wrong_pairing import check_pairing
 from semcal_cli.drive.document import Drive
+from semcal_cli.estimation.adjust.clock import ClockUncertainty
 from semcal_cli.estimation.adjust.priors import Fused
 from semcal_cli.estimation.refine.polish import Polish
 from semcal_cli.estimation.refine.pyramid import Refinement
-from semcal_cli.findings.check import Measured
+from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.frame_selection import evenly_spaced
+from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -48,6 +52,26 @@ def check_data(
     of_shutter, notes = check_shutter(drive, observations, is_compensated=is_compensated)
     of_motion = check_motion(observations.motion_error_px)
     return (*of_motion, *of_shutter, *check_unstated(drive, observations)), notes
+
+
+def check_recording(
+    data: LoadedDrive, clock: ClockUncertainty | None, *, with_clock: bool
+) -> tuple[Measured, ...]:
+    """Check that a drive shows enough scenes, and that something ties its images to the moments of its sweeps.
+
+    Args:
+        data: The drive.
+        clock: What the frames show of the clock; None if the rig stands or its motion is not stated.
+        with_clock: Whether the clock is left as the drive states it.
+    """
+    observations, measured = data.checked_by, list[Measured]()
+    if cues := data.policy.wanting_scenes:
+        measured.append(check_scenes(len(set(observations.scenes)), cues))
+    # A single frame that is too little in any case needs no further reason.
+    is_too_little = observations.num_frames == 1 and findings_among(measured)
+    if with_clock and not is_too_little:
+        measured.append(check_clocks(data, clock))
+    return tuple(measured)
 
 
 def check_stages(

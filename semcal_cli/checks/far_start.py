@@ -12,7 +12,7 @@ from semcal_cli.findings.symptoms import OF_A_WRONG_POSE
 FAR_START = Check(
     topic="far-start",
     advice="start nearer (`semcal view` makes a start by hand), or, with image labels, leave the start out",
-    explains=OF_A_WRONG_POSE - {"clocks", "odd-frames", "wrong-pairing"},
+    explains=OF_A_WRONG_POSE - {"clocks", "intrinsics", "odd-frames", "wrong-pairing"},
     entry=Entry(
         title="The start may be too far off",
         section=PageSection.MOUNTING,

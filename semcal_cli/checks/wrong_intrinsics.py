@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from semcal_cli.estimation.adjust.intrinsics_estimate import IntrinsicsEstimate
 from semcal_cli.findings.check import Check, Limit, Measured
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.phrases import OR_ESTIMATE_K
+from semcal_cli.findings.symptoms import OF_A_WRONG_K
 from semcal_cli.geometry.arrays import Numbers
 from semcal_cli.result.refined_camera import CheckedIntrinsics, Intrinsic
 from semcal_cli.result.uncertainty import figure
 
 WRONG_INTRINSICS = Check(
     topic="intrinsics",
+    explains=OF_A_WRONG_K,
     advice=(
         "check that the images were not cropped or resized after K was measured, that K is the camera_info of this "
         f"camera and mode, and that rectified images state no distortion, {OR_ESTIMATE_K}"
@@ -67,10 +71,25 @@ WRONG_INTRINSICS = Check(
 )
 
 
-def check_intrinsics(estimate: IntrinsicsEstimate | None) -> tuple[Measured, ...]:
+class TestedIntrinsics(NamedTuple):
+    """What a check of the intrinsics found."""
+
+    measured: tuple[Measured, ...]
+    checked: CheckedIntrinsics | None
+    """What the frames say of each intrinsic; None if they determine none."""
+    note: str
+    """How well the frames confirm K."""
+
+
+def check_intrinsics(estimate: IntrinsicsEstimate | None) -> TestedIntrinsics:
     """Compare the intrinsics that the frames ask for with those of the drive; the farthest off is named first."""
     if estimate is None:
-        return ()
+        return TestedIntrinsics((), None, "K was not checked: these frames do not determine it")
+    checked = _checked(estimate)
+    return TestedIntrinsics((_compare(estimate),), checked, _note(checked))
+
+
+def _compare(estimate: IntrinsicsEstimate) -> Measured:
     limit, deviations, words = WRONG_INTRINSICS.limit(), estimate.deviations, list[str]()
     for index in np.argsort(-deviations):
         if deviations[index] > limit or not words:
@@ -83,13 +102,11 @@ def check_intrinsics(estimate: IntrinsicsEstimate | None) -> tuple[Measured, ...
                 "errors away"
             )
     sentence = f"the frames contradict the intrinsics: {', '.join(words)}, needed at most {limit:g}"
-    return (WRONG_INTRINSICS.measured(float(deviations.max()), sentence),)
+    return WRONG_INTRINSICS.measured(float(deviations.max()), sentence)
 
 
-def checked_intrinsics(estimate: IntrinsicsEstimate | None) -> CheckedIntrinsics | None:
+def _checked(estimate: IntrinsicsEstimate) -> CheckedIntrinsics:
     """State what the frames say of each intrinsic, and whether they would show an error that matters."""
-    if estimate is None:
-        return None
     intrinsics = {}
     for (name, given), change, sigma in zip(
         estimate.given.items(), estimate.changes.tolist(), estimate.sigmas.tolist(), strict=True
@@ -121,10 +138,8 @@ def _lengths(vectors: Numbers) -> Numbers:
     return np.asarray(np.linalg.norm(vectors, axis=0))
 
 
-def note_on_checked(checked: CheckedIntrinsics | None) -> str:
-    """Say to how many pixels and percent the frames confirm K, or that they do not."""
-    if checked is None:
-        return "K was not checked: these frames do not determine it"
+def _note(checked: CheckedIntrinsics) -> str:
+    """Describe to how many pixels and percent the frames confirm K, or that they do not."""
     if not checked.is_confirmed:
         return "K was checked, but these frames would not show every error of it that moves the pose far"
     widths = [

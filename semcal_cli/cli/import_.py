@@ -13,6 +13,7 @@ import click
 from semcal_cli.cli.options import QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
+from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.errors import check_installed, counted, printable
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
 
@@ -327,6 +328,10 @@ class FolderSettings(ImportSettings):
         "Camera model, if the intrinsics file names none or the wrong one.", metavar="NAME"
     )
     reference: Path | None = option("T_camera_lidar to compare with, in any known format.", metavar="FILE")
+    synchronization: Synchronization = option(
+        "What ties images and clouds: a trigger (hardware), their recorded times (stamps), or nothing known.",
+        default="unknown",
+    )
     max_gap_s: float = _max_gap(0.05)
     max_points: int = max_points()
 

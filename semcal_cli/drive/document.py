@@ -10,6 +10,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from typing_extensions import Unpack
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.networks import LabelNetworks
@@ -157,8 +158,9 @@ class Motion(StrictModel):
     speed_m_s: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
     """Speed of the LiDAR, in metres per second. Without a direction it corrects nothing; it only shows how many
     pixels the motion may cost, and how far an unchecked clock may move the camera."""
-    point_times: Literal["relative", "absolute"] = "relative"
-    """Whether point times are relative to `points_stamp`, or absolute on the clock of the stamps."""
+    point_times: Literal["relative", "absolute", "deskewed"] = "relative"
+    """Whether point times are relative to `points_stamp`, or absolute on the clock of the stamps, or play no part
+    because the sweeps were deskewed to `points_stamp`."""
     sigma: MotionSigma | None = None
     """Standard deviations of the velocities from the poses or the twist, which are part of the interval of the pose.
     Without them, the velocities are assumed to be exact."""
@@ -193,6 +195,9 @@ class Drive(StrictModel):
     """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
     """Motion of the LiDAR, which moves points to the time of the image."""
+    synchronization: Synchronization = "unknown"
+    """What ties the images to the moments of the sweeps: `hardware`, if the LiDAR triggers the camera or one signal
+    triggers both; `stamps`, if each was paired by its recorded time; `unknown`, if nothing is known."""
     time_offset_s: TimeOffset = 0.0
     """Time by which images are later than image_stamp says, in seconds; negative if they are earlier. It has
     an effect only with a motion."""

@@ -34,6 +34,7 @@ DRIVE_KEYS = (
     "ignore",
     "classes",
     "motion",
+    "synchronization",
     "time_offset_s",
     "time_offset_sigma_s",
     "T_camera_lidar",
@@ -82,6 +83,8 @@ class ArrayInput(TypedDict, total=False):
     """Names of classes and the raw ids merged into each, as under `classes` in a drive.yaml."""
     motion: Any
     """Motion of the LiDAR, as under `motion` in a drive.yaml; its `poses` can only be "poses", the array."""
+    synchronization: str
+    """What ties the images to the moments of the sweeps: `hardware`, `stamps` or `unknown`, as in a drive.yaml."""
     time_offset_s: float
     """Time by which images are later than `image_stamps` say, in seconds."""
     time_offset_sigma_s: float

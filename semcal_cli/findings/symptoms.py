@@ -35,3 +35,17 @@ OF_A_WRONG_POSE: frozenset[str] = OF_A_WRONG_CLOCK | frozenset(
     }
 )
 """What is measured at a pose that is wrong or hardly determined, and means nothing there."""
+OF_A_WRONG_K: frozenset[str] = frozenset(
+    {
+        "far-start",
+        "focal-length",
+        "frames-disagree",
+        "no-direction",
+        "other-pose",
+        "polish-rejected",
+        "wide-interval",
+    }
+)
+"""What a wrong K looks like: the pose cannot imitate it everywhere, and settles where no pose fits well."""
+OF_A_LOST_POSE: frozenset[str] = frozenset({"other-azimuth", "wrong-pairing"})
+"""What says that points and images do not fit at all, so that nothing around the pose means anything."""

@@ -77,6 +77,7 @@ def read(request: Request) -> Recording:
         T_camera_lidar=inverse(camera.T_vehicle_sensor @ T_BODY_OPTICAL) @ lidar.T_vehicle_sensor,
         point_classes=ontology if lidar.type == SEMANTIC_LIDAR else None,
         image_classes=ontology,
+        synchronization="hardware",  # files of one number are of one tick of the simulation
         ids_in_red=_are_raw([frame.image_labels for frame in frames if frame.image_labels]),
         remarks=("CARLA's clouds are mirrored: copies with y negated are written",),
     )

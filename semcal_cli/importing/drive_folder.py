@@ -130,6 +130,7 @@ def _document(recording: Recording, path: Path) -> dict[str, Any]:
         "frames": [_frame_document(frame, path.parent) for frame in recording.frames],
         **_class_blocks(recording),
         **({} if motion is None else {"motion": dict(motion)}),
+        **({} if recording.synchronization == "unknown" else {"synchronization": recording.synchronization}),
         **({} if T_camera_lidar is None else {"T_camera_lidar": T_camera_lidar.tolist()}),
     }
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.point_clouds import read_point_clouds
@@ -58,6 +59,8 @@ class Folder:
     """Camera model, if the file of the intrinsics names none or a wrong one."""
     reference: Path | None = None
     """File of a transform to compare with."""
+    synchronization: Synchronization = "unknown"
+    """What ties the images to the moments of the clouds."""
     max_points: int = MAX_POINTS
     """Largest number of points of a cloud that is read."""
 
@@ -122,6 +125,7 @@ def read(folder: Folder) -> Recording:
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
         T_camera_lidar=None if folder.reference is None else _reference(folder.reference),
+        synchronization=folder.synchronization,
         remarks=(*own_labels, *point_labels.remarks, *image_labels.remarks, *images.remarks),
         read=(folder.camera_info, *([drive_file(folder.reference)] if folder.reference else [])),
         labels_by="GLOB",

@@ -13,6 +13,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.files.input_files import is_folder, read_text
 from semcal_cli.formats.kitti_files import (
@@ -38,6 +39,8 @@ from semcal_cli.importing.recording import Recording, Request, SourceFrame, join
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
 """Scan pattern of the Velodyne HDL-64E at 10 turns per second."""
+SYNCHRONIZATION: Synchronization = "hardware"
+"""The Velodyne triggers the cameras when it faces forward (Geiger et al., *Vision meets Robotics*, IJRR 2013)."""
 FORWARD_SPEED = 8
 """Column of the forward velocity in an oxts packet, metres per second (dataformat.txt)."""
 IMAGES = (".png", ".jpg")
@@ -126,7 +129,13 @@ def _recording(file: Path, camera: str, frames: list[SourceFrame]) -> Recording:
     image = frames[0].image
     assert image is not None
     block, T_camera_lidar = calibration(file, int(camera.removeprefix("image_")), *image_size(image))
-    return Recording(camera=block, lidar=LIDAR, frames=frames, T_camera_lidar=T_camera_lidar)
+    return Recording(
+        camera=block,
+        lidar=LIDAR,
+        frames=frames,
+        T_camera_lidar=T_camera_lidar,
+        synchronization=SYNCHRONIZATION,
+    )
 
 
 def read_raw(request: Request) -> Recording:
@@ -158,6 +167,7 @@ def read_raw(request: Request) -> Recording:
         lidar=LIDAR,
         frames=frames,
         T_camera_lidar=raw_pose(velo, lines, camera),
+        synchronization=SYNCHRONIZATION,
     )
 
 

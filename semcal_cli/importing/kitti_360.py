@@ -92,6 +92,8 @@ def read(request: Request) -> Recording:
         T_camera_lidar=T_camera_camera0 @ T_camera0_lidar,
         point_classes=ontology if folder else None,
         image_classes=ontology if any(frame.image_labels for frame in frames) else None,
+        # Like KITTI, its drives (named `_sync`) have one image of each camera for every turn of the Velodyne.
+        synchronization="hardware",
         remarks=tuple(remarks),
         read=(_fisheye(root / "calibration", camera),),
     )

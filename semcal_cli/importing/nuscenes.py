@@ -96,6 +96,8 @@ def read(request: Request) -> Recording:
         lidar=LIDAR,
         frames=_frames(tables, keyframes, labels),
         point_classes=read_ontology("nuscenes-lidarseg") if labels else None,
+        # A camera is exposed when the LiDAR sweeps across the centre of its view (nuscenes.org, data collection).
+        synchronization="hardware",
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config.setting import settings_of
+from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.errors import InputError, describe
 from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.importing.dataset_tree import need_folder
@@ -169,6 +170,8 @@ class Recording:
     """Whether the label images are colours whose red is the id, and whose green and blue are 0."""
     motion: Mapping[str, Any] | None = None
     """The `motion:` block of a drive, if the motion of the LiDAR is known."""
+    synchronization: Synchronization = "unknown"
+    """What ties the images to the moments of the sweeps."""
     remarks: tuple[str, ...] = ()
     """Sentences that the user should read."""
     read: tuple[Path, ...] = ()

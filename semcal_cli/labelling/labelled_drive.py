@@ -201,7 +201,9 @@ def _document(
     def relative(name: str) -> str:
         return os.path.relpath(drive.resolve(name), path.parent)
 
-    document: dict[str, Any] = drive.model_dump(mode="json", exclude_none=True)
+    # A clock that nobody stated is not stated by a copy.
+    unstated = {"time_offset_sigma_s"} - drive.model_fields_set
+    document: dict[str, Any] = drive.model_dump(mode="json", exclude_none=True, exclude=unstated)
     frames = [document["frames"][index] for index in indices]
     for frame, index in zip(frames, indices, strict=True):
         frame |= {key: relative(frame[key]) for key in FILES if key in frame}

@@ -105,10 +105,12 @@ class LoadedDrive:
             count = len(self.drive.frames) + self.num_copies
             notes.append(f"{self.num_copies} of {count} frames are copies of others and are left out")
         frames = self.first_cue.frame_observations
-        if num_rigid := sum(observed.is_rigid for observed in frames):
+        motion = self.drive.motion
+        is_stated = motion is not None and motion.point_times == "deskewed"
+        if not is_stated and (num_rigid := sum(observed.is_rigid for observed in frames)):
             notes.append(
-                f"{num_rigid} of {len(frames)} sweeps have no point times, and are assumed to be deskewed to "
-                "points_stamp"
+                f"{num_rigid} of {len(frames)} sweeps have no point times, and are moved as a whole: if they are "
+                "deskewed to points_stamp, motion.point_times: deskewed says so"
             )
         return tuple(notes)
 

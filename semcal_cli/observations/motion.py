@@ -50,7 +50,7 @@ class Compensated(NamedTuple):
     lag_s: float = 0.0
     """Time from the points to that moment, root mean square over the points and the lines of the image."""
     is_rigid: bool = False
-    """Whether the points have no times, so that the sweep was moved as a whole from `points_stamp` to that moment."""
+    """Whether the points have no times, or are deskewed, so that the sweep was moved as a whole from `points_stamp`."""
 
 
 def compensated(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Compensated]:
@@ -84,7 +84,8 @@ def compensated(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Compensated]
             )
         # The camera may look in any direction, so all points count.
         lag_s = math.sqrt(np.mean((times - moment) ** 2) + drive.camera.readout_s**2 / 12.0)
-        moved.append(Compensated(points, twist_per_s, lag_s, is_rigid=cloud.time is None))
+        is_rigid = cloud.time is None or motion.point_times == "deskewed"
+        moved.append(Compensated(points, twist_per_s, lag_s, is_rigid=is_rigid))
     return moved
 
 
@@ -143,7 +144,7 @@ def motion_error_px(drive: Drive, clouds: Sequence[SweepCloud]) -> float | None:
         Pixels; None unless the drive has a speed without a direction and clouds have times.
     """
     motion = drive.motion
-    if motion is None or motion.speed_m_s is None:
+    if motion is None or motion.speed_m_s is None or motion.point_times == "deskewed":
         return None
     shifts_px = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
@@ -174,7 +175,7 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> npt
         raise InputError(
             f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed a time for the motion"
         )
-    if cloud.time is None:
+    if cloud.time is None or motion.point_times == "deskewed":
         return np.full(len(cloud.points), frame.points_stamp)
     times = cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0)
     first, last = cloud.time.min(), cloud.time.max()

@@ -8,20 +8,17 @@ from time import perf_counter
 
 import numpy as np
 
-from semcal_cli.checks import few_scenes
 from semcal_cli.checks.camera_motion import check_camera_motion
 from semcal_cli.checks.cues_disagree import check_coarse_cue
-from semcal_cli.checks.families import check_consistency, check_uncertainty
+from semcal_cli.checks.families import check_consistency, check_recording, check_uncertainty
 from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
 from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.checks.moved_camera import check_frames
 from semcal_cli.checks.odd_frames import check_pairs
-from semcal_cli.checks.other_azimuth import OTHER_AZIMUTH
 from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.checks.scale import check_scale
 from semcal_cli.checks.shifted_labels import check_label_alignment
-from semcal_cli.checks.wrong_intrinsics import check_intrinsics, checked_intrinsics, note_on_checked
-from semcal_cli.checks.wrong_pairing import WRONG_PAIRING
+from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import K_ENTRIES, sigma_of
 from semcal_cli.errors import counted
@@ -43,6 +40,7 @@ from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covarianc
 from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.findings.check import Measured, findings_among
+from semcal_cli.findings.symptoms import OF_A_LOST_POSE
 from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.stages import Assessment, Stages
@@ -51,10 +49,10 @@ from semcal_cli.threads import thread_pool
 
 CLOCKS = "clocks"
 """Topic of the finding that states the offset of the clock."""
+UNTIED_TOPIC = "untied-clocks"
+"""Topic of the finding that says more of the clock than its note."""
 ADVICE_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
-WRONG_POSE = (OTHER_AZIMUTH.topic, WRONG_PAIRING.topic)
-"""Topics of findings that say that the pose itself is wrong."""
 
 
 def assess(
@@ -217,13 +215,11 @@ def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
         frames, uncertainty, consistency = of_frames.result(), of_pose.result(), of_consistency.result()
         rivals = check_rivals(data.observations, T, uncertainty, with_priors=with_priors)
         # Where the pose itself is wrong, its surroundings say nothing about K.
-        is_lost = any(finding.topic in WRONG_POSE for finding in findings_among(consistency))
-        estimate = None if is_lost else estimate_intrinsics(of_checks, T, around)
-        assessment = frames.with_measured(*consistency, *rivals, *check_intrinsics(estimate))
-        checked = checked_intrinsics(estimate)
-        of_K = (note_on_checked(checked), *notes_on_intrinsics(camera, cost))
-        notes = (*frames.notes, *of_K, *of_scale.result())
-    assessment = replace(assessment, checked_intrinsics=checked)
+        is_lost = any(finding.topic in OF_A_LOST_POSE for finding in findings_among(consistency))
+        tested = check_intrinsics(None if is_lost else estimate_intrinsics(of_checks, T, around))
+        assessment = frames.with_measured(*consistency, *rivals, *tested.measured)
+        notes = (*frames.notes, tested.note, *notes_on_intrinsics(camera, cost), *of_scale.result())
+    assessment = replace(assessment, checked_intrinsics=tested.checked)
     if uncertainty is None:
         undetermined = check_uncertainty(None, with_priors=with_priors)
         return replace(assessment, findings=(*undetermined, *assessment.findings), notes=notes)
@@ -285,9 +281,8 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     observations, names = data.checked_by, [frame.points for frame in frames]
     check = check_frames(observations, T, names)
     measured = [*check.measured, *check_pairs(observations, T, pose.stages.last.agreement, names)]
+    measured += check_recording(data, pose.clock, with_clock=not pose.is_clock_estimated)
     num_scenes = len(set(observations.scenes))
-    if cues := data.policy.wanting_scenes:
-        measured.append(few_scenes.check_scenes(num_scenes, cues))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
         same = "the others show the same scenes"
@@ -297,7 +292,8 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
             f"the {observations.num_frames} frames count as {counted(num_scenes, 'frame')}, because {same}: add frames "
             "recorded while driving"
         )
-    if not pose.is_clock_estimated:
+    topics = {finding.topic for finding in findings_among(measured)}
+    if not pose.is_clock_estimated and UNTIED_TOPIC not in topics:
         notes += notes_on_clock(data, pose.clock)
     has_labels = any(frame.image_labels is not None for frame in frames)
     if has_labels and all(frame.image is None for frame in frames):

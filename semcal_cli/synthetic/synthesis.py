@@ -265,5 +265,7 @@ def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | Non
         document["classes"] = {"points": names, "image": names}
     if config.motion != "none":
         document["motion"] = {"poses": POSES_FILE if sweeps is None else f"{sweeps}/{POSES_FILE}"}
+    # The delay of a moving rig is for the calibration to find.
+    document["synchronization"] = "hardware" if config.motion == "none" else "stamps"
     document["T_camera_lidar"] = T_camera_lidar.tolist()
     return document

@@ -58,7 +58,8 @@ def arrays_of(drive: Drive) -> ArrayInput:
     if motion is not None and motion.poses is not None:
         found["poses"] = np.loadtxt(drive.resolve(motion.poses))
         motion = motion.model_copy(update={"poses": "poses"})
-    same = {key: getattr(drive, key) for key in ("camera", "lidar", "ignore", "classes", "T_camera_lidar")}
+    keys = ("camera", "lidar", "ignore", "classes", "synchronization", "T_camera_lidar")
+    same = {key: getattr(drive, key) for key in keys}
     return {**found, **same, "motion": motion, "time_offset_s": drive.time_offset_s}  # type: ignore[typeddict-item]
 
 

@@ -61,7 +61,7 @@ def _kitti_object(source: Path, folder: Path) -> Iterator[RealDrive]:
             _frame(source / f"velodyne/{path.stem}.bin", path, source / labels / path.name) for path in same
         ]
         network = "" if labels == "image_labels" else ", labels by DiCENet"
-        yield _write(folder, f"KITTI object, {len(frames)} pairs{network}", camera, frames, T)
+        yield _write(folder, f"KITTI object, {len(frames)} pairs{network}", camera, frames, T, "hardware")
 
 
 def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -78,7 +78,7 @@ def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
     height, width = read_image(Path(frames[0]["image"])).shape[:2]
     lens, T = kitti.pinhole(projection, width, height), raw_pose(velo, cameras, images.name)
     name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
-    yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T)
+    yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T, "hardware")
 
 
 def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -102,7 +102,9 @@ def _nuscenes(source: Path, folder: Path) -> Iterator[RealDrive]:
             labels = source / "image_labels" / f"{Path(camera['img']).stem}.png"
             frame, lens = _frame(points, source / camera["img"], labels), _lens(camera["K"], (1600, 900))
             place = name[4:].lower().replace("_", " ")
-            yield _write(folder, f"nuScenes {place}", lens, [frame], np.array(camera["lidar2cam"]))
+            yield _write(
+                folder, f"nuScenes {place}", lens, [frame], np.array(camera["lidar2cam"]), "hardware"
+            )
 
 
 def _ddad(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -110,7 +112,7 @@ def _ddad(source: Path, folder: Path) -> Iterator[RealDrive]:
     for name, camera in json.loads((source / "calib.json").read_text()).items():
         frames = [_frame(cloud, source / name / f"{cloud.stem}.jpg") for cloud in clouds]
         lens, T = _lens(camera["K"], camera["size"]), np.array(camera["T_cam_lidar"])
-        yield _write(folder, f"DDAD {name[7:]}, {len(frames)} pairs", lens, frames, T)
+        yield _write(folder, f"DDAD {name[7:]}, {len(frames)} pairs", lens, frames, T, "hardware")
 
 
 def _sustech(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -126,7 +128,7 @@ def _rellis3d(source: Path, _: Path) -> Iterator[RealDrive]:
     yield RealDrive("RELLIS-3D 000104", source, ("image", "image_labels", "point_labels"), published)
 
 
-def _listed(name: str, source: Path, folder: Path) -> Iterator[RealDrive]:
+def _listed(name: str, source: Path, folder: Path, synchronization: str = "unknown") -> Iterator[RealDrive]:
     """A set whose calib.json lists cameras, with their lenses and poses, and frames."""
     document = json.loads((source / "calib.json").read_text())
     for camera, lens in document["cameras"].items():
@@ -141,6 +143,7 @@ def _listed(name: str, source: Path, folder: Path) -> Iterator[RealDrive]:
             {"model": "plumb_bob" if is_pinhole else lens["model"]} | block,
             frames,
             np.array(lens["T_camera_lidar"]),
+            synchronization,
         )
 
 
@@ -153,7 +156,7 @@ READERS = {
     "ddad_scene": _ddad,
     "sustech_front": _sustech,
     "rellis3d_000104": _rellis3d,
-    "kitti360_street": partial(_listed, "KITTI-360 street"),
+    "kitti360_street": partial(_listed, "KITTI-360 street", synchronization="hardware"),
     "acfr_vlp16": partial(_listed, "ACFR VLP-16"),
     "tamu_basler_os1": partial(_listed, "TAMU OS1"),
     "mlcc_livox_mid100": partial(_listed, "Livox MID-100"),
@@ -171,12 +174,23 @@ def _frame(points: Path, image: Path, labels: Path | None = None) -> dict[str, s
 
 
 def _write(
-    folder: Path, name: str, lens: object, frames: Sequence[dict[str, str]], T: np.ndarray
+    folder: Path,
+    name: str,
+    lens: object,
+    frames: Sequence[dict[str, str]],
+    T: np.ndarray,
+    synchronization: str = "unknown",
 ) -> RealDrive:
     path = folder / name.replace(",", "").replace(" ", "_")
     path.mkdir()
     has_labels = all("image_labels" in frame for frame in frames)
-    document = {"semcal_drive": 1, "camera": lens, "frames": list(frames), "T_camera_lidar": T.tolist()}
+    document = {
+        "semcal_drive": 1,
+        "camera": lens,
+        "frames": list(frames),
+        "synchronization": synchronization,
+        "T_camera_lidar": T.tolist(),
+    }
     if has_labels:
         document["classes"] = {"image": {name: [index] for index, name in enumerate(CITYSCAPES)}}
     (path / "drive.yaml").write_text(yaml.safe_dump(document))

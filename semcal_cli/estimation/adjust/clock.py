@@ -8,12 +8,13 @@ pose.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from semcal_cli.config import AdjustmentConfig, PolishConfig
-from semcal_cli.drive.document import DEFAULT_CLOCK_SIGMA_S
+from semcal_cli.drive.document import DEFAULT_CLOCK_SIGMA_S, Motion
 from semcal_cli.estimation.adjust.joint_fit import Problem, Variables
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.twists import adjoint
@@ -26,6 +27,8 @@ KNOW_MOTION = (
     "record at lower speed"
 )
 """Advice where the clock alone makes an interval too wide, which more frames do not narrow."""
+SWEEP_S = 0.1
+"""Duration of a sweep whose points have no times: most LiDARs turn ten times a second."""
 NUM_FRAMES = 20
 """Number of evenly spaced frames from which the offset is estimated, so that long drives cost no more."""
 
@@ -52,9 +55,10 @@ class ClockUncertainty(NamedTuple):
 
         The direction of a speed is unknown, so it counts along both axes across the LiDAR's z axis.
         """
-        motion, stated_s = data.drive.motion, data.drive.time_offset_sigma_s
+        motion = data.drive.motion
         if motion is None:
             return None
+        stated_s = math.hypot(data.drive.time_offset_sigma_s, _skew_s(data, motion))
         if motion.speed_m_s is not None:
             level = adjoint(T_camera_lidar)[:, :2] * motion.speed_m_s
             clock = cls(0.0, stated_s, False, stated_s == 0.0, level, motion.speed_m_s)
@@ -63,7 +67,7 @@ class ClockUncertainty(NamedTuple):
         if twists is None or not np.any(twists):
             return None
         mean = np.mean(twists, axis=0)
-        estimate = _estimate_offset(data, T_camera_lidar, polish) if differs(twists) else None
+        estimate = _estimate_offset(data, stated_s, T_camera_lidar, polish) if differs(twists) else None
         offset_s, sigma_s = estimate or (0.0, stated_s)
         shifts, speed_m_s = adjoint(T_camera_lidar) @ mean[:, None], float(np.linalg.norm(mean[:3]))
         return cls(offset_s, sigma_s, estimate is not None, stated_s == 0.0, shifts, speed_m_s)
@@ -82,11 +86,26 @@ class ClockUncertainty(NamedTuple):
         return np.asarray((self.offset_s**2 + self.sigma_s**2) * shifts @ shifts.T)
 
 
+def _skew_s(data: LoadedDrive, motion: Motion) -> float:
+    """Compute the standard deviation of the time at which sweeps see what the camera sees, seconds.
+
+    Where points have no times and nobody says that sweeps are deskewed, or that the LiDAR and the camera look the same
+    way at the same time, that is any time of a sweep. It displaces the camera as an error of the clock does.
+    """
+    if data.drive.synchronization == "hardware" or motion.point_times == "deskewed":
+        return 0.0
+    observed = data.first_cue.frame_observations
+    are_rigid = [frame.is_rigid for frame in observed]
+    if motion.speed_m_s is not None:
+        are_rigid = [not data.observations.have_times]
+    return float(np.mean(are_rigid)) * SWEEP_S / math.sqrt(12.0)
+
+
 def _estimate_offset(
-    data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig
+    data: LoadedDrive, sigma_s: float, T_camera_lidar: Pose, polish: PolishConfig
 ) -> tuple[float, float] | None:
     """Estimate the offset and its standard error from the frames; None if they do not determine it."""
-    few, sigma_s = few_frames(data.observations, NUM_FRAMES), data.drive.time_offset_sigma_s
+    few = few_frames(data.observations, NUM_FRAMES)
     adjustment = AdjustmentConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
     fit = Problem(few, Variables((), True), adjustment, polish).fit_determined(T_camera_lidar)
     if not fit.variables.with_delay or fit.covariance is None:

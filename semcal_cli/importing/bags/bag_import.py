@@ -165,6 +165,7 @@ class _Import:
             frames=frames,
             T_camera_lidar=T_camera_lidar,
             motion=motion,
+            synchronization="stamps",
             remarks=(*self.remarks, *self.bag.damage_remarks()),
             read=self.read,
             labels_by=None,

@@ -118,7 +118,7 @@ def images_late(
         way_m = late_s * rng.uniform(*speeds_m_s)
         return replace(frame, points=frame.points + np.array([way_m, 0.0, 0.0], np.float32))
 
-    return raw.with_frames(map(ahead, raw.frames))
+    return raw.with_document(synchronization="unknown").with_frames(map(ahead, raw.frames))
 
 
 def point_labels_from_images(
