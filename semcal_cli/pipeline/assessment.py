@@ -217,7 +217,11 @@ def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
         # Where the pose itself is wrong, its surroundings say nothing about K.
         is_lost = any(finding.topic in OF_A_LOST_POSE for finding in findings_among(consistency))
         tested = check_intrinsics(None if is_lost else estimate_intrinsics(of_checks, T, around))
-        assessment = frames.with_measured(*consistency, *rivals, *tested.measured)
+        assessment = frames.with_measured(
+            *consistency,
+            *rivals,
+            *tested.measured,
+        )
         notes = (*frames.notes, tested.note, *notes_on_intrinsics(camera, cost), *of_scale.result())
     assessment = replace(assessment, checked_intrinsics=tested.checked)
     if uncertainty is None:
