@@ -307,3 +307,40 @@ def test_intervals_of_a_damaged_calibration_are_refused(
     found = invoke("compare", path, street, "--json")
     assert isinstance(found.exception, InputError)
     assert "uncertainty.half_width_95_camera_center_m[0]: found " in str(found.exception)
+
+
+def test_what_a_drive_would_have_shown(street: Path, street_truth: Pose, tmp_path: Path) -> None:
+    """A move that is smaller than the limit is more than chance, and is said to be, where it decides nothing."""
+    limits = ("--max-rotation-deg", 0.15, "--max-translation-m", 0.03)
+    given = write_transform(turned(street_truth, 0.15), street, tmp_path)
+    found = verify(street, given, *limits, "--json")
+    report = json.loads(found.stdout)
+    assert report["has_moved"]
+    assert max(report["smallest_visible"]["rotation_deg"]) < 0.15
+    assert report["verdict"] != "pass"
+    text = " ".join(verify(street, given, *limits).stdout.split())
+    assert re.search(
+        r"a move of [\d., ]+ cm along x, y, z or a turn of [\d., ]+ degrees about them would", text
+    )
+    assert not json.loads(verify(street, write_transform(street_truth, street, tmp_path), "--json").stdout)[
+        "has_moved"
+    ]
+
+
+def test_errors_of_k_count_where_the_transform_belongs_to_another_k(
+    street: Path, street_truth: Pose, tmp_path: Path
+) -> None:
+    invoke("calibrate", street, "--init", street, "-o", tmp_path / "same.yaml", "-q")
+    record = read_calibration(tmp_path / "same.yaml")
+    K = np.array(record.input.camera.K)
+    K[0, 0] += 0.5
+    camera = record.input.camera.model_copy(update={"K": tuple(map(tuple, K.tolist()))})
+    other = record.model_copy(update={"input": record.input.model_copy(update={"camera": camera})})
+    write_calibration(other, tmp_path / "other.yaml")
+    same, different = (
+        json.loads(verify(street, tmp_path / f"{name}.yaml", "--json").stdout) for name in ("same", "other")
+    )
+    (note,) = (note for note in different["notes"] if note.startswith("K is not that of the transform: fx "))
+    assert note.endswith("the intervals include errors of K")
+    assert note not in same["notes"]
+    assert max(different["smallest_visible"]["rotation_deg"]) > max(same["smallest_visible"]["rotation_deg"])

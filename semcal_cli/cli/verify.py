@@ -98,7 +98,10 @@ def verify(settings: VerifySettings) -> None:
     The pose is estimated again, starting from the transform. The limits hold along and about each
     axis of the camera, and in total; --max-delay-ms adds one for the time offset.
 
-    Exit code 0: every check passes. 3: the whole 95 % interval of an offset is beyond its limit.
+    Errors of K do not count where the transform belongs to the K of DRIVE: they move both poses
+    alike.
+
+    Exit code 0: every check passes. 3: an offset is beyond its limit, with a certainty of 95 %.
     4: the data are inconclusive; --inconclusive changes this code.
     """
     from semcal_cli.cli.outputs import Outputs, loaded_drive
@@ -132,7 +135,11 @@ def verify(settings: VerifySettings) -> None:
     if settings.junit is not None:
         write_text(report.junit(), settings.junit)
     if settings.as_json:
-        document = asdict(verification) | {"T_camera_lidar": verification.T_camera_lidar.tolist()}
+        smallest = verification.smallest_visible
+        document = asdict(verification) | {
+            "T_camera_lidar": verification.T_camera_lidar.tolist(),
+            "smallest_visible": None if smallest is None else smallest.model_dump(),
+        }
         click.echo(json.dumps(document, allow_nan=False))
     else:
         _print(verification, verbose=settings.verbose)

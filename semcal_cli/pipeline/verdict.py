@@ -23,6 +23,10 @@ OVERALL = " overall"
 """Suffix of the names of checks of all three axes together."""
 CLOCK = "clock"
 """Name of the check of the camera's clock."""
+ONE_SIDED = 1.644854 / 1.959964
+"""Distance to a limit that leaves a probability of 5 % beyond it, relative to the half width of a 95 % interval, which
+leaves 2.5 % on either side. A displacement is within a limit if both one-sided tests say so (Schuirmann, *A comparison
+of the two one-sided tests procedure*, 1987). With few degrees of freedom the ratio is smaller still."""
 UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
 """Units in words."""
 
@@ -52,7 +56,8 @@ class AxisVerdict:
     allowed: float
     """Largest offset that is allowed."""
     verdict: Verdict
-    """`fail` if the whole interval is beyond the limit, `pass` if it is within, else `inconclusive`."""
+    """`fail` if the offset is beyond the limit with a certainty of 95 %, `pass` if it is within with the same, else
+    `inconclusive`."""
 
     @property
     def has_estimate(self) -> bool:
@@ -79,7 +84,7 @@ def judge(
     half_widths: Sequence[float] | None,
     limits: Limits,
 ) -> tuple[AxisVerdict, ...]:
-    """Judge the offsets of a transform: one whose 95 % interval is beyond its limit fails, one within it passes.
+    """Judge the offsets of a transform: one that is beyond its limit with a certainty of 95 % fails, one within passes.
 
     Args:
         center_m: (3,) offset of the camera's position along the axes of the camera.
@@ -145,8 +150,8 @@ def together(verdicts: Iterable[Verdict]) -> Verdict:
 
 def _check(name: str, unit: Unit, offset: float, half_width: float | None, allowed: float) -> AxisVerdict:
     verdict: Verdict = "inconclusive"
-    if half_width is not None and abs(offset) - half_width > allowed:
+    if half_width is not None and abs(offset) - ONE_SIDED * half_width > allowed:
         verdict = "fail"
-    if half_width is not None and abs(offset) + half_width <= allowed:
+    if half_width is not None and abs(offset) + ONE_SIDED * half_width <= allowed:
         verdict = "pass"
     return AxisVerdict(name, unit, offset, half_width, allowed, verdict)

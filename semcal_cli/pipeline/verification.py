@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 
+from semcal_cli import core
 from semcal_cli.checks import precedence
 from semcal_cli.checks.own_drive import check_own_drive
 from semcal_cli.config import (
@@ -19,15 +20,18 @@ from semcal_cli.config import (
 )
 from semcal_cli.config.directions import Direction
 from semcal_cli.config.setting import check_settings
+from semcal_cli.drive.camera import IntrinsicsSigma
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.estimation.adjust.joint import DELAY_NOT_DETERMINED
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.stage import StageResult
+from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.events import Listener, ignore
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
+    PoseError,
     compare_poses,
     inverse,
     pose_from_quaternion,
@@ -39,7 +43,11 @@ from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polis
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.pipeline.verdict import CLOCK, AxisVerdict, Verdict, judge, judge_clock, together
 from semcal_cli.result.applied import apply_result, cues_applied
+from semcal_cli.result.refined_camera import camera_differences
+from semcal_cli.result.uncertainty import PoseChange, Uncertainty, figure
 
+CHANCE = 0.05
+"""Probability of offsets as large by chance, below which the camera has moved."""
 NEAR_DEG, NEAR_M = 5.0, 0.5
 """Rotation and distance between transform and estimate beyond which all mounting directions are searched."""
 SAME_DEG, SAME_M = 3.0, 0.3
@@ -56,6 +64,11 @@ MISREAD = "The transform does not hold as it was read. Correct how it is written
 """Sentence for a transform that looks like a mistake, since nothing then says that the camera moved."""
 INVERSE = "the inverse, T_lidar_camera"
 """Mistake that the option for the direction corrects."""
+MOVED = (
+    "The camera has moved, but this drive cannot show whether by more than is allowed. Try more frames, or other "
+    "places."
+)
+"""Sentence for an inconclusive verdict on a transform that is off by more than chance."""
 OF_CLOCK: dict[Verdict, str] = {
     "fail": "The transform still holds on this drive, but the camera's clock is off. Calibrate again with "
     "--estimate-delay, or find out what changed the clock.",
@@ -87,12 +100,19 @@ class Verification:
     """(4, 4) estimate of the pose, metres."""
     time_offset_s: float
     """Time by which images are later than image_stamp says, in seconds, for which the estimate holds."""
+    has_moved: bool | None
+    """Whether all six offsets together are more than chance, at 5 %; None where the estimate is not trusted."""
+    smallest_visible: PoseChange | None
+    """Move of the camera along each of its axes, and turn about each, that would be more than chance, at 5 %; None
+    where the estimate is not trusted."""
 
     @property
     def sentence(self) -> str:
         """What the verdict means, and what to do."""
         if LOOKS_LIKE in self.topics:
             return MISREAD
+        if self.has_moved and self.verdict == "inconclusive" and not self.is_reasoned:
+            return MOVED
         of_transform = [check.verdict for check in self.checks if check.name != CLOCK]
         is_clock_alone = together(of_transform) == "pass" and {*self.topics} <= {CLOCK_TOPIC}
         return (
@@ -120,10 +140,11 @@ def verify(
 
     The pose is refined from the transform. If the result is not near the transform or leaves findings, all mounting
     directions are searched; with edges alone, which cannot distinguish mountings, the first estimate stands. An offset
-    fails if its 95 % interval lies beyond the limit, and passes if it lies within. Everything between is inconclusive,
-    and so are offsets that the data do not determine, and a pass on the drive that the transform was calibrated from.
-    If the offset of the clock is limited, it is estimated together with the pose; if this estimate is kept, the pose
-    is the joint one.
+    fails if it is beyond its limit with a certainty of 95 %, and passes if it is within with the same. Everything
+    between is inconclusive, and so are offsets that the data do not determine, and a pass on the drive that the
+    transform was calibrated from. Errors of K do not count where the transform belongs to the K of the drive. If the
+    offset of the clock is limited, it is estimated together with the pose; if this estimate is kept, the pose is the
+    joint one.
 
     Args:
         data: The drive, as `load_as_stated` returns it.
@@ -140,7 +161,7 @@ def verify(
     config = CalibrationConfig() if config is None else config
     limits = Limits() if limits is None else limits
     check_limits(limits)
-    data = load(data, config)
+    data, of_camera = _with_common_camera(load(data, config), stated)
     if limits.delay_s is not None and twists_per_s(data.observations) is None:
         raise InputError(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
@@ -148,7 +169,27 @@ def verify(
     jointly = AdjustmentConfig(with_delay=limits.delay_s is not None)
     refinement = RefinementConfig(jointly=jointly)
     stages = _estimate(data, stated, refinement, config.seed, on_event)
-    return _judged(data, stated, stages, limits)
+    verification = _judged(data, stated, stages, limits)
+    return replace(verification, notes=(*verification.notes, *of_camera))
+
+
+def _with_common_camera(data: LoadedDrive, stated: InitialPose) -> tuple[LoadedDrive, tuple[str, ...]]:
+    """Leave out errors of K where the transform belongs to the same K: they move both poses alike.
+
+    A transform in a file without a camera is taken to belong to that of the drive.
+
+    Returns:
+        The drive, and a note where the two cameras differ, so that errors of K stay in the intervals.
+    """
+    camera = data.drive.camera
+    if stated.record is not None:
+        differences = camera_differences(camera, stated.record.used_camera, stated.name)
+        if differences:
+            return data, (
+                f"K is not that of the transform: {', '.join(differences)}; the intervals include errors of K",
+            )
+    exact = camera.model_copy(update={"intrinsics_sigma": IntrinsicsSigma()})
+    return data.with_camera(exact), ()
 
 
 def check_limits(limits: Limits) -> None:
@@ -235,6 +276,10 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     if of_record:
         verdict = "inconclusive" if verdict == "pass" else verdict
     is_trusted = not findings and uncertainty is not None
+    has_moved, smallest = None, None
+    if is_trusted and uncertainty is not None:
+        has_moved, smallest = _moved(error, uncertainty)
+        notes = (*notes, _visible(smallest))
     if verdict == "inconclusive" and (of_record or not is_trusted):
         checks = tuple(check.not_judged(is_trusted=is_trusted) for check in checks)
     clock = stages.joint.clock if stages.joint is not None and stages.is_joint else None
@@ -246,7 +291,35 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         notes,
         estimate,
         data.drive.time_offset_s if clock is None else clock.time_offset_s,
+        has_moved,
+        smallest,
     )
+
+
+def _moved(error: PoseError, uncertainty: Uncertainty) -> tuple[bool, PoseChange]:
+    """Test all six offsets together, and find the smallest offset along each axis alone that the test would show.
+
+    Rotation and position are correlated: a drive that cannot distinguish them still shows either one alone.
+    """
+    # A translation in the camera frame moves the camera's centre in the opposite direction.
+    signs = np.repeat([-1.0, 1.0], 3)
+    information = np.linalg.inv(np.array(uncertainty.covariance) * np.outer(signs, signs))
+    offsets = np.concatenate([error.camera_center_xyz_m, error.rotation_xyz_rad])
+    freedom = np.array(uncertainty.degrees_of_freedom)
+    limit = joint_quantile(CHANCE, float(freedom.min()))
+    quantiles = np.array([core.student_quantile(1.0 - 0.5 * CHANCE, each) for each in freedom])
+    smallest = quantiles / np.sqrt(np.diag(information))
+    visible = PoseChange(
+        camera_center_m=smallest[:3].tolist(), rotation_deg=np.degrees(smallest[3:]).tolist()
+    )
+    return bool(offsets @ information @ offsets > limit), visible
+
+
+def _visible(smallest: PoseChange) -> str:
+    """Describe what a verification would have shown."""
+    move = ", ".join(figure(100.0 * each) for each in smallest.camera_center_m)
+    turn = ", ".join(map(figure, smallest.rotation_deg))
+    return f"a move of {move} cm along x, y, z or a turn of {turn} degrees about them would have shown"
 
 
 def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[AxisVerdict, list[str]]:

@@ -144,7 +144,7 @@ def _run(name: str, label: str, drive: Path, cue: CueName, named: tuple[str, ...
     start = displace(T_true, START_DEG, START_M, np.random.default_rng(0))
     initial = None if cue == "labels" else InitialPose(start, "start")
     try:
-        found = calibration.calibrate(data, config, initial)
+        found = calibration.calibrate(data, config, initial_pose=initial)
     except CalibrationError:
         return Row(name, label, math.nan, math.nan, math.nan, "failed", "", False)
     error = compare_poses(found.T_camera_lidar, T_true)
