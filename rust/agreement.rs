@@ -1,6 +1,8 @@
 //! Agreement of points and full-resolution label images at a pose: exact mutual information, label agreement,
 //! overlap.
 
+use std::collections::BTreeMap;
+
 use geometry::camera::Camera;
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
@@ -58,7 +60,7 @@ pub fn measure(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> 
         num_inside: frames.iter().map(|f| f.num_inside).sum(),
         num_hidden: frames.iter().map(|f| f.num_hidden).sum(),
         overlap: frames.iter().map(|f| f.overlap).sum::<f64>() / frames.len() as f64,
-        sigma: standard_error(&joint, &clusters),
+        sigma: standard_error(&joint, observations, &frames),
         joint,
     }
 }
@@ -102,12 +104,11 @@ pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> InformationGain
         let frames = per_frame(held_out, pose);
         let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();
         let total = merged(held_out, &clusters).total().max(MIN_WEIGHT);
-        let score = |cluster: &&JointHistogram| {
+        by_scene(held_out, &frames, |cluster| {
             cluster.weights.iter().zip(&table).map(|(weight, pmi)| weight * pmi).sum::<f64>() / total
-        };
-        clusters.iter().map(score).collect::<Vec<_>>()
+        })
     });
-    let pairs = before.iter().zip(&after).filter(|(b, a)| **b != 0.0 || **a != 0.0);
+    let pairs = before.values().zip(after.values()).filter(|(b, a)| **b != 0.0 || **a != 0.0);
     let gains: Vec<f64> = pairs.map(|(before, after)| after - before).collect();
     InformationGain::of_parts(gains)
 }
@@ -123,16 +124,33 @@ impl InformationGain {
     }
 }
 
-/// Standard error of the mutual information. Pairs in a cluster are dependent, clusters are independent. A pair
-/// moves the estimate by the deviation of its pointwise mutual information from the mean.
-fn standard_error(joint: &JointHistogram, clusters: &[&JointHistogram]) -> f64 {
+/// Sums a value of the clusters over the frames of each scene, by scene and place of the cluster.
+fn by_scene(
+    observations: &Observations,
+    frames: &[FrameAgreement],
+    value: impl Fn(&JointHistogram) -> f64,
+) -> BTreeMap<(u32, usize), f64> {
+    let mut sums = BTreeMap::new();
+    for (frame, number) in frames.iter().zip(0..) {
+        for (place, cluster) in frame.clusters.iter().enumerate() {
+            *sums.entry((observations.scene_of(number), place)).or_default() += value(cluster);
+        }
+    }
+    sums
+}
+
+/// Standard error of the mutual information. Pairs in a cluster are dependent, clusters of different scenes and places
+/// are independent. A pair moves the estimate by the deviation of its pointwise mutual information from the mean.
+fn standard_error(joint: &JointHistogram, observations: &Observations, frames: &[FrameAgreement]) -> f64 {
     let (pointwise, mean, total) = (joint.pointwise(), joint.mutual_information(), joint.total());
-    let influence = |cluster: &&JointHistogram| {
+    let influence = |cluster: &JointHistogram| {
         let pairs = cluster.weights.iter().zip(&pointwise).filter(|(weight, _)| **weight > 0.0);
         pairs.map(|(weight, pmi)| weight * (pmi - mean)).sum::<f64>() / total
     };
-    let occupied = clusters.iter().filter(|cluster| cluster.total() > 0.0);
-    let (count, sum) = occupied.fold((0, 0.0), |(n, sum), cluster| (n + 1, sum + influence(cluster).powi(2)));
+    let weights = by_scene(observations, frames, JointHistogram::total);
+    let influences = by_scene(observations, frames, influence);
+    let occupied = influences.values().zip(weights.values()).filter(|(_, weight)| **weight > 0.0);
+    let (count, sum) = occupied.fold((0, 0.0), |(n, sum), (influence, _)| (n + 1, sum + influence.powi(2)));
     if count < 2 { f64::INFINITY } else { (sum * f64::from(count) / f64::from(count - 1)).sqrt() }
 }
 

@@ -37,6 +37,8 @@ pub struct Frame {
     pub partitions: Option<Arc<Partitions>>,
     /// Weight of each point of the frame when a pose is refined.
     pub weight: f32,
+    /// Number of the scene that the frame shows, if others show it, too: they are no further evidence.
+    pub scene: Option<u32>,
 }
 
 impl Frame {
@@ -50,6 +52,7 @@ impl Frame {
             point_shares: None,
             partitions: None,
             weight: 1.0,
+            scene: None,
         }
     }
 }
@@ -152,6 +155,11 @@ impl Observations {
                     .for_each(|&row| with(self.first_rows[frame] + usize::from(row)));
             }
         }
+    }
+
+    /// The number of the scene of a frame. Standard errors sum over the frames of a scene before they are squared.
+    pub fn scene_of(&self, frame: u32) -> u32 {
+        self.frames[frame as usize].scene.unwrap_or(frame)
     }
 
     pub fn has_partitions(&self) -> bool {

@@ -219,7 +219,7 @@ class Observations:
     def __new__(
         cls,
         camera: Camera,
-        frames: Sequence[tuple[LabelledCloud, LabelledImage, float]],
+        frames: Sequence[tuple[LabelledCloud, LabelledImage, float, int]],
         num_point_classes: int,
         num_image_classes: int,
         max_baseline_m: float,

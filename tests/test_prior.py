@@ -185,7 +185,7 @@ def test_parts_too_few_for_a_covariance_determine_nothing(
     assert around is not None
     kept = around.squares < num_parts
     of_parts = {name: getattr(around, name)[kept] for name in ("scores", "squares", "classes")}
-    few = replace(around, **of_parts, num_alike=around.num_alike[:num_parts])
+    few = replace(around, **of_parts, num_squares=num_parts)
     assert few.is_determined == (num_parts == 8) == bool(measure(few).information.any())
 
 
@@ -201,7 +201,7 @@ def test_what_is_known_decides_where_labels_do_not_bend() -> None:
     reads = np.eye(6)[:5]  # nothing about the last axis
     nothing = np.zeros((5, 5))
     squares = rng.standard_normal((50, 5))
-    scatter = Scatter(squares, np.ones(50), squares.T @ squares, np.zeros((1, 5)), nothing)
+    scatter = Scatter(squares, squares.T @ squares, np.zeros((1, 5)), nothing)
     labels = Measurement(reads, scatter, np.full(5, 0.1), np.diag([0.01] * 5))
     step, _, is_determined = _solve(labels, np.zeros((0, 6)), np.zeros(0), np.zeros(0), np.eye(6))
     assert not is_determined

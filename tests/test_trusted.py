@@ -141,7 +141,7 @@ def test_the_quantile_of_a_scatter_matrix_is_hotellings() -> None:
 
 def test_a_frame_of_one_square_has_no_standard_error() -> None:
     found = InformationBySquares(
-        np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1]]), np.array([1.0, 2.0, 4.0]), np.ones(3), 3
+        np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1]]), np.array([1.0, 2.0, 4.0]), np.ones(3), np.arange(3)
     )
     # Two squares: half their difference, times the root of n / (n - 1) over n.
     np.testing.assert_allclose(found.sigma_by_frame, [np.inf, 1.0, np.inf])

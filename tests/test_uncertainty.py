@@ -77,9 +77,10 @@ def test_the_translation_moves_with_a_rotation(uncertainty: Uncertainty, polishe
 
 def around(curvature: Matrix, scores: Matrix, num_alike: int = 1) -> Sensitivity:
     """A sensitivity of squares that `num_alike` frames show, with points of one class, which shares nothing."""
-    parts, n = np.arange(len(scores)), len(curvature)
-    alike = np.full(len(scores), float(num_alike))
-    return Sensitivity(curvature, np.zeros((1, n, n)), scores, parts, np.zeros_like(parts), np.eye(n), alike)
+    n, num_squares = len(curvature), len(scores) // num_alike
+    squares = np.tile(np.arange(num_squares), num_alike)
+    classes = np.zeros_like(squares)
+    return Sensitivity(curvature, np.zeros((1, n, n)), scores, squares, classes, np.eye(n), num_squares)
 
 
 def sandwich(found: Sensitivity) -> tuple[Matrix, Matrix]:
@@ -105,7 +106,7 @@ def test_what_a_class_shares_does_not_fall_with_more_images(num_squares: int) ->
     scores = np.tile(shared, num_squares) + noise * np.random.default_rng(3).standard_normal(5 * num_squares)
     squares, classes = np.repeat(np.arange(num_squares), 5), np.tile(np.arange(5), num_squares)
     parts = np.tile(curvature / 5.0, (5, 1, 1))
-    found = Sensitivity(curvature, parts, scores[:, None], squares, classes, np.eye(1), np.ones(num_squares))
+    found = Sensitivity(curvature, parts, scores[:, None], squares, classes, np.eye(1), num_squares)
     scatter = found.scatter(np.linalg.inv(curvature))
     # The variance of a mean of five errors, by their scatter.
     expected = shared.var(ddof=1) / 5.0 * (1.0 - 1.0 / num_squares)
@@ -122,7 +123,7 @@ def test_scatter_follows_a_change_of_variables(street_observations: Observations
         turn.T @ found.curvature @ turn,
         turn.T @ found.class_curvatures @ turn,
         found.scores @ turn,
-        *(found.squares, found.classes, turn.T @ found.motions @ turn, found.num_alike),
+        *(found.squares, found.classes, turn.T @ found.motions @ turn, found.num_squares),
     )
     back = np.linalg.inv(turn)
     expected = back @ sandwich(found)[0] @ back.T
@@ -144,7 +145,7 @@ def test_copies_of_a_frame_are_that_frame() -> None:
     scores = np.random.default_rng(2).standard_normal((50, 2))
     of_one, dof_of_one = sandwich(around(np.eye(2), scores))
     of_copies, dof = sandwich(around(20.0 * np.eye(2), np.tile(scores, (20, 1)), num_alike=20))
-    np.testing.assert_allclose(of_copies, of_one, rtol=0.03)  # the 50 / 49 of one is nearly one of 1000
+    np.testing.assert_allclose(of_copies, of_one, rtol=1e-9)
     np.testing.assert_allclose(dof, dof_of_one, rtol=1e-9)
 
 

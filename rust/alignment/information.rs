@@ -60,7 +60,7 @@ fn square_of<'a>(level: &Level, at: &'a Projection<'_>) -> impl Fn(&Sample) -> O
 }
 
 /// Gains in mean information from one pose to each of the others, over the points visible at the first pose.
-/// Squares of the images are independent, and paired.
+/// Squares of the images are independent, and paired; those of one scene are summed first.
 pub fn information_gains(
     observations: &Arc<Observations>,
     before: &Isometry3<f64>,
@@ -78,8 +78,9 @@ pub fn information_gains(
         for (square, (first, there)) in
             squares.iter().zip(at_first.iter().zip(level.contributions(&samples, &level.projection(pose))))
         {
-            if let Some(square) = square {
-                *gains.entry(*square).or_default() += (there - first) / total;
+            if let Some([frame, row, column]) = *square {
+                let square = [observations.scene_of(frame), row, column];
+                *gains.entry(square).or_default() += (there - first) / total;
             }
         }
         InformationGain::of_parts(gains.into_values().collect())

@@ -79,15 +79,17 @@ impl PyObservations {
     #[pyo3(signature = (camera, frames, num_point_classes, num_image_classes, max_baseline_m, edge_band_px, by_classes=false))]
     fn new(
         camera: &PyCamera,
-        frames: Vec<(PyRef<'_, PyLabelledCloud>, PyRef<'_, PyLabelledImage>, f32)>,
+        frames: Vec<(PyRef<'_, PyLabelledCloud>, PyRef<'_, PyLabelledImage>, f32, u32)>,
         num_point_classes: usize,
         num_image_classes: usize,
         max_baseline_m: f64,
         edge_band_px: usize,
         by_classes: bool,
     ) -> PyResult<Self> {
-        let frame = |(cloud, image, weight): &(PyRef<'_, _>, PyRef<'_, _>, f32)| {
-            frame(cloud, image, *weight, by_classes)
+        let frame = |(cloud, image, weight, scene): &(PyRef<'_, _>, PyRef<'_, _>, f32, u32)| Frame {
+            weight: *weight,
+            scene: Some(*scene),
+            ..frame(cloud, image, by_classes)
         };
         let frames = frames.iter().map(frame).collect();
         let mut observations =
@@ -104,13 +106,14 @@ impl PyLabelledImage {
     }
 }
 
-fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage, weight: f32, by_classes: bool) -> Frame {
+fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage, by_classes: bool) -> Frame {
     Frame {
         points: Arc::clone(&cloud.points),
         point_classes: Arc::clone(&cloud.classes),
         image: Arc::clone(&image.pyramid),
         point_shares: cloud.shares.clone(),
         partitions: cloud.partitions.clone().filter(|_| !by_classes),
-        weight,
+        weight: 1.0,
+        scene: None,
     }
 }

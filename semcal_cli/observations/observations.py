@@ -251,6 +251,11 @@ class Observations:
         return alike_frames(ranges_of([cloud.points for cloud in self.of_cue(0).clouds]))
 
     @property
+    def scene_numbers(self) -> list[int]:
+        """Number of the scene of each of `frame_observations`; what two cues see of one scene counts twice."""
+        return [scene + cue * self.num_frames for cue in range(self.num_cues) for scene in self.scenes]
+
+    @property
     def with_scenes(self) -> Observations:
         """The same with known scenes, so that no copy compares frames again."""
         return self if self.known_scenes is not None else replace(self, known_scenes=self.scenes)
@@ -282,7 +287,10 @@ class Observations:
         """
         return core.Observations(
             core_camera(self.camera),
-            [(frame.cloud.core, frame.image.core, frame.weight) for frame in self.frame_observations],
+            [
+                (frame.cloud.core, frame.image.core, frame.weight, scene)
+                for frame, scene in zip(self.frame_observations, self.scene_numbers, strict=True)
+            ],
             len(self.point_class_names),
             len(self.image_class_names),
             self.max_baseline_m,

@@ -35,7 +35,18 @@ class InformationBySquares:
     """(parts,) sum over the visible points of each square."""
     weights: Numbers
     """(parts,) weight of these points."""
-    num_frames: int
+    scenes: npt.NDArray[np.intp]
+    """(F,) number of the scene that each frame shows."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.scenes)
+
+    @property
+    def by_scene(self) -> npt.NDArray[np.intp]:
+        """(parts, 3) `squares` with the scene in place of the frame."""
+        return np.column_stack([self.scenes[self.frames], self.squares[:, 1:]])
 
     @property
     def frames(self) -> npt.NDArray[np.intp]:
@@ -80,13 +91,16 @@ def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> 
     places = np.array(squares, np.intp).reshape(-1, 3)
     places[:, 0] = observations.frame_indices[places[:, 0]]
     return InformationBySquares(
-        places, np.array(sums, np.float64), np.array(weights, np.float64), observations.num_frames
+        places, np.array(sums, np.float64), np.array(weights, np.float64), np.array(observations.scenes, np.intp)
     )
 
 
 def paired_gain(before: InformationBySquares, after: InformationBySquares) -> core.InformationGain:
-    """Compute the gain of the mean from one model to another of the same frames, whose squares are paired."""
-    _, places = np.unique(np.vstack([before.squares, after.squares]), axis=0, return_inverse=True)
+    """Compute the gain of the mean from one model to another of the same frames.
+
+    Squares are paired, and those of one scene are summed first: more frames of it are no further evidence.
+    """
+    _, places = np.unique(np.vstack([before.by_scene, after.by_scene]), axis=0, return_inverse=True)
     influences = np.bincount(places.ravel(), np.concatenate([-before.influence, after.influence]))
     return core.InformationGain.of_parts(
         (influences + (after.mean - before.mean) / max(len(influences), 1)).tolist()

@@ -36,9 +36,7 @@ class Scatter(NamedTuple):
     """Scatter of the sum of the influences of all parts on m variables, as the data show it."""
 
     squares: Matrix
-    """(squares, m) influence of each square of the images, centred and weighted for the sum of their products."""
-    num_alike: npt.NDArray[np.float64]
-    """(squares,) number of frames that show the scene of the square."""
+    """(squares, m) influence of each square of the scenes, centred and weighted for the sum of their products."""
     of_squares: Matrix
     """(m, m) covariance from what differs from square to square."""
     classes: Matrix
@@ -55,7 +53,6 @@ class Scatter(NamedTuple):
         """Return the scatter of the products with directions (m, k)."""
         return Scatter(
             self.squares @ directions,
-            self.num_alike,
             directions.T @ self.of_squares @ directions,
             self.classes @ directions,
             directions.T @ self.of_classes @ directions,
@@ -69,19 +66,19 @@ class Scatter(NamedTuple):
         are no fewer than those of the smaller number of parts, as those of any sum of variances.
         """
         of_squares, of_classes = np.diag(self.of_squares), np.diag(self.of_classes)
-        by_square = _effective_number(self.squares, self.num_alike)
+        by_square = _effective_number(self.squares)
         max_freedom = max(float(np.count_nonzero(self.classes.any(axis=1))) - 1.0, 1.0)
-        num_classes = _effective_number(self.classes, np.ones(len(self.classes)))
+        num_classes = _effective_number(self.classes)
         by_class = num_classes.clip(min(MIN_CLASSES, max_freedom), max_freedom)
         spread = of_squares**2 / by_square + (self.classes**2).sum(axis=0) ** 2 / by_class
         freedom = (of_squares + of_classes) ** 2 / np.maximum(spread, np.finfo(float).tiny)
         return np.asarray(np.maximum(freedom, np.minimum(by_square, by_class)))
 
 
-def _effective_number(influences: Matrix, num_alike: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _effective_number(influences: Matrix) -> npt.NDArray[np.float64]:
     """Count the independent parts (m,) that sums of influences (parts, m) rest on."""
     squares, tiny = influences**2, np.finfo(float).tiny
-    fourth = (num_alike[:, None] * squares**2).sum(axis=0)
+    fourth = (squares**2).sum(axis=0)
     return np.asarray(np.maximum(squares.sum(axis=0) ** 2, tiny) / np.maximum(fourth, tiny))
 
 
@@ -96,20 +93,20 @@ class Sensitivity:
     scores: Matrix
     """(parts, n) contribution to the gradient of each part, the points of one class in a square of an image, nats."""
     squares: npt.NDArray[np.intp]
-    """(parts,) number of the square of each part, over all images."""
+    """(parts,) number of the square of each part, over all scenes: frames of one scene share their squares."""
     classes: npt.NDArray[np.intp]
     """(parts,) class of the points of each part."""
     motions: Matrix
     """(n, n) mean products of the pixels by which the variables move the points."""
-    num_alike: npt.NDArray[np.float64]
-    """(squares,) number of frames that show the scene of the square: their scores repeat one another."""
+    num_squares: int
+    """Number of squares."""
 
     @property
     def is_determined(self) -> bool:
         """Whether the mutual information falls in every direction of the pose, with all other variables fixed."""
         scale = 1.0 / np.sqrt(np.diag(self.motions)[:6])
         bends = np.linalg.eigvalsh(self.curvature[:6, :6] * np.outer(scale, scale))
-        return bool(bends[0] > 0.0 and len(self.num_alike) > 6 + 1)
+        return bool(bends[0] > 0.0 and self.num_squares > 6 + 1)
 
     @property
     def is_maximum(self) -> bool:
@@ -144,16 +141,18 @@ class Sensitivity:
         for cluster-robust inference*, 2023). What is in common may come out below nothing and then counts as nothing,
         so that the covariance is never smaller than that of squares alone.
 
-        Influences of `k` frames that show one scene are one, repeated: their sum has `k^2` times the variance of one.
+        Influences of frames that show one scene repeat one another, and are summed before they are squared.
         """
         centred = self._centred(influence)
         of_squares = centred.T @ centred
         count = max(len(np.unique(self.classes)), 1)
         without = np.sqrt((count - 1) / count) * self._scores_without_class() @ influence
         by_class = summed(without, self.classes, len(self.class_curvatures))
-        alone = np.sqrt(self.num_alike)[self.squares, None] * without
+        # The points of a class in a square are one part in each of the frames of its scene.
+        _, parts = np.unique(np.column_stack([self.squares, self.classes]), axis=0, return_inverse=True)
+        alone = summed(without, parts.ravel(), int(parts.max(initial=-1)) + 1)
         common = by_class.T @ by_class - alone.T @ alone
-        return Scatter(centred, self.num_alike, of_squares, by_class, _positive_part(common, of_squares))
+        return Scatter(centred, of_squares, by_class, _positive_part(common, of_squares))
 
     def noise(self, influence: Matrix) -> tuple[Matrix, npt.NDArray[np.float64]]:
         """Compute the part (m, m) of the covariance that differs from square to square, and its degrees of freedom.
@@ -161,12 +160,12 @@ class Sensitivity:
         It is that of a difference of two optima by the same classes, which cancels what the classes share.
         """
         centred = self._centred(influence)
-        return np.asarray(centred.T @ centred), _effective_number(centred, self.num_alike)
+        return np.asarray(centred.T @ centred), _effective_number(centred)
 
     def _centred(self, influence: Matrix) -> Matrix:
-        by_square = summed(self.scores, self.squares, len(self.num_alike)) @ influence
-        count, weights = len(by_square), np.sqrt(self.num_alike)[:, None]
-        return np.asarray(weights * (by_square - by_square.mean(axis=0)) * np.sqrt(count / (count - 1)))
+        by_square = summed(self.scores, self.squares, self.num_squares) @ influence
+        count = len(by_square)
+        return np.asarray((by_square - by_square.mean(axis=0)) * np.sqrt(count / (count - 1)))
 
     def _scores_without_class(self) -> Matrix:
         """Compute scores (parts, n) that move the optimum as far as leaving out the class of each part would.
@@ -251,16 +250,17 @@ def sensitivity(
     of_core = core.sensitivity(observations.core, T_camera_lidar, config, intrinsics, twists_per_s)
     if of_core is None:
         return None
-    squares, places = squares_of(of_core)
-    scenes, frames = np.array(observations.scenes), observations.frame_indices[squares[:, 0]]
+    of_scenes = of_core.parts[:, :3].copy()
+    of_scenes[:, 0] = np.array(observations.scene_numbers)[of_scenes[:, 0]]
+    squares, places = np.unique(of_scenes, axis=0, return_inverse=True)
     return Sensitivity(
         curvature=of_core.curvature,
         class_curvatures=of_core.class_curvatures,
         scores=of_core.scores,
-        squares=places,
+        squares=places.ravel(),
         classes=of_core.parts[:, 3].astype(np.intp),
         motions=of_core.motions,
-        num_alike=np.bincount(scenes, minlength=len(scenes))[scenes[frames]].astype(np.float64),
+        num_squares=len(squares),
     )
 
 
@@ -326,7 +326,7 @@ def sum_of(*parts: Matrix | None) -> Matrix | None:
 def no_information(count: int) -> Measurement:
     """Make the measurement of `count` variables by labels without information."""
     nothing = np.zeros((0, 0))
-    scatter = Scatter(np.zeros((1, 0)), np.ones(1), nothing, np.zeros((1, 0)), nothing)
+    scatter = Scatter(np.zeros((1, 0)), nothing, np.zeros((1, 0)), nothing)
     return Measurement(np.zeros((0, count)), scatter, np.zeros(0), nothing)
 
 
@@ -338,7 +338,7 @@ def measure(around: Sensitivity, systematic: Matrix | None = None) -> Measuremen
         systematic: (n, n) covariance that systematic errors add, such as stated ones of the intrinsics.
     """
     scale, bends, directions = bending(around.curvature, around.motions)
-    if len(around.num_alike) <= len(scale) + 1:  # Too few squares determine the covariance.
+    if around.num_squares <= len(scale) + 1:  # Too few squares determine the covariance.
         return no_information(len(scale))
     influence = scale[:, None] * directions / bends
     scatter = around.scatter(influence)
