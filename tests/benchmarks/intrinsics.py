@@ -1,10 +1,11 @@
-"""Measures what real drives ask of their intrinsics, with the right K and with wrong ones, and who is trusted.
+"""Measures what drives ask of their intrinsics, with the right K and with wrong ones, and which poses are trusted.
 
-    python tests/benchmarks/intrinsics.py DATA [--only NAME] [--cue edges] [--halves]
+    python tests/benchmarks/intrinsics.py DATA [--only NAME] [--cue edges] [--halves] [--synthetic 0]
 
-Each real drive with enough scenes is calibrated from 1 degree and 0.1 m off, with its own K and with each error of
-`ERRORS`. Halves, every second frame, have the right K alone. Prints a Markdown table: the pose's error, the verdict,
-and the intrinsic that is farthest from its value in the drive, in units of its limit.
+Each drive is calibrated from 1 degree and 0.1 m off, or by labels from nothing, with its own K and with each error of
+`ERRORS`. Halves, every second frame, have the right K alone; `--synthetic` takes synthetic drives instead. Prints a
+Markdown table: the pose's error, the verdict, and the intrinsic that is farthest from its value in the drive, in units
+of its limit.
 """
 
 from __future__ import annotations
@@ -19,15 +20,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import yaml
-from benchmark import script
-from real_data import real_drives
+from benchmark import script, street
+from real_data import RealDrive, real_drives
 
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import table_row
-from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import load
@@ -37,6 +37,8 @@ START_DEG, START_M = 1.0, 0.1
 BEYOND_DEG = 0.3
 """A trusted pose is wrong if it is farther off than this beyond its interval."""
 NOT_CONFIRMED = "if K is right"
+FIRST_SEED, NUM_FRAMES, WIDTH, NOISE = 61, 12, 1280, 0.05
+"""Seed of the first synthetic drive, frames of each, columns of their images, and fraction of wrong labels."""
 
 
 class KError(NamedTuple):
@@ -103,7 +105,7 @@ class Row:
         return self.verdict == "trusted" and self.error_deg > self.half_width_deg + BEYOND_DEG
 
 
-def _spoiled(source: Path, folder: Path, error: KError, frames: slice) -> Path:
+def spoiled(source: Path, folder: Path, error: KError, frames: slice = slice(None)) -> Path:
     """Write a drive with a wrong K, or with images that K does not belong to."""
     folder.mkdir(parents=True)
     document = yaml.safe_load((source / "drive.yaml").read_text())
@@ -128,7 +130,7 @@ def _spoiled(source: Path, folder: Path, error: KError, frames: slice) -> Path:
 
 def _changed(source: Path, path: Path, error: KError, camera: dict[str, object]) -> Path:
     """Crop or resize an image, and state its size."""
-    image = read_image(source)[error.top_px :, error.left_px :]
+    image = cv2.imread(str(source), cv2.IMREAD_UNCHANGED)[error.top_px :, error.left_px :]
     if error.resized != 1.0:
         how = cv2.INTER_NEAREST if image.ndim == 2 else cv2.INTER_AREA
         image = cv2.resize(image, None, fx=error.resized, fy=error.resized, interpolation=how)
@@ -174,28 +176,46 @@ def _run(name: str, label: str, drive: Path, cue: CueName, named: tuple[str, ...
     )
 
 
-def rows(data: Path, only: tuple[str, ...], cue: CueName, *, halves: bool) -> Iterator[Row]:
-    """Calibrate each real drive that the cue needs no more for."""
+def drives(
+    data: Path, only: tuple[str, ...], cue: CueName, synthetic: int, folder: Path
+) -> Iterator[RealDrive]:
+    """List the real drives whose files allow the cue, or make synthetic ones, each with another rig."""
+    if synthetic:
+        for seed in range(FIRST_SEED, FIRST_SEED + synthetic):
+            path = folder / f"synthetic_{seed}"
+            street(path, seed, NUM_FRAMES, WIDTH, label_noise=NOISE)
+            yield RealDrive(f"synthetic {seed}", path)
+        return
+    for drive in real_drives(data, folder):
+        if drive.files_allow([cue]) and (not only or any(name in drive.name for name in only)):
+            yield drive
+
+
+def rows(data: Path, only: tuple[str, ...], cue: CueName, *, halves: bool, synthetic: int) -> Iterator[Row]:
+    """Calibrate each drive with all errors, or both halves of it with the right K."""
     with TemporaryDirectory() as folder:
-        for drive in real_drives(data, Path(folder)):
-            if not drive.files_allow([cue]) or (only and not any(name in drive.name for name in only)):
-                continue
+        for drive in drives(data, only, cue, synthetic, Path(folder)):
             for label, error in ERRORS.items() if not halves else ():
-                path = _spoiled(drive.path, Path(folder) / f"{drive.path.name}_{label}", error, slice(None))
+                path = spoiled(drive.path, Path(folder) / f"{drive.path.name}_{label}", error)
                 yield _run(drive.name, label, path, cue, error.named)
             for first in (0, 1) if halves else ():
                 half = slice(first, None, 2)
-                path = _spoiled(drive.path, Path(folder) / f"{drive.path.name}_{first}", KError(), half)
+                path = spoiled(drive.path, Path(folder) / f"{drive.path.name}_{first}", KError(), half)
                 yield _run(f"{drive.name}, half {first + 1}", RIGHT, path, cue, ())
 
 
 def main(
-    data: Path, *, only: tuple[str, ...] = (), cue: CueName = "edges", halves: bool = False
+    data: Path,
+    *,
+    only: tuple[str, ...] = (),
+    cue: CueName = "edges",
+    halves: bool = False,
+    synthetic: int = 0,
 ) -> Iterator[str]:
     """Run all errors on all drives."""
     found = []
     yield "| drive | K | error, deg | cm | +- deg | verdict | first, limits |\n|---|---|---|---|---|---|---|"
-    for row in rows(data.resolve(), only, cue, halves=halves):
+    for row in rows(data.resolve(), only, cue, halves=halves, synthetic=synthetic):
         found.append(row)
         yield table_row(
             row.name,

@@ -47,9 +47,9 @@ SHARE_OF_CY = 0.27
 the same drives it scatters by 3 pixels, where the misalignment of the points would allow 10."""
 MIN_SCENES = 4
 """Least number of scenes where edges are compared: with fewer, cx of a right K was off by 14 pixels."""
-NEAR = 2.0
-"""Deviations in standard errors up to which a step of Newton's method stands for the ascent; a check
-allows 3."""
+NEAR_PX = 1.6
+"""A step of Newton's method stands for the ascent if it changes no intrinsic by more than this misalignment of points
+does, root mean square. A longer one is no measure: from focal lengths 3 % too short it went five times too far."""
 SETTLED_PX = 0.1
 """An ascent has settled if its last round moved the points by no more than this, as a polish has."""
 
@@ -99,9 +99,8 @@ def estimate_intrinsics(
     around = around.of_first(6 + len(names))
     if not is_rough and around.is_maximum:
         step = around.scores.sum(axis=0) @ around.influence
-        near = _estimate(given, step[6:], around, observations)
-        if np.all(near.deviations < NEAR):
-            return near
+        if np.all(np.abs(step[6:]) < NEAR_PX * _pixels_of(around, names)):
+            return _estimate(given, step[6:], around, observations)
     seen = replace(observations, camera=with_all_coefficients(observations.camera, names))
     ascent = _ascend(seen, T_camera_lidar, names)
     changes = np.array(ascent.changes)
@@ -143,8 +142,7 @@ def _estimate(
     pose, free = slice(0, 6), slice(6, None)
     motions = around.motions
     compensation = -np.linalg.solve(motions[pose, pose], motions[pose, free])
-    by_px = np.sqrt(np.diag(np.linalg.inv(motions))[free])
-    by_px[list(given).index("cy")] *= SHARE_OF_CY
+    by_px = _pixels_of(around, tuple(given))
     if observations.is_multimodal:
         chance = SCENE_PX * by_px / np.sqrt(len(set(observations.scenes)))
     elif around.is_maximum:
@@ -152,6 +150,13 @@ def _estimate(
     else:
         chance = np.full(len(given), np.inf)
     return IntrinsicsEstimate(given, changes, np.hypot(SHARED_PX * by_px, chance), np.asarray(compensation))
+
+
+def _pixels_of(around: Sensitivity, names: tuple[str, ...]) -> Numbers:
+    """Compute how far each intrinsic (n,) may be off if points are misaligned by a pixel, root mean square."""
+    by_px = np.sqrt(np.diag(np.linalg.inv(around.motions))[6:])
+    by_px[names.index("cy")] *= SHARE_OF_CY
+    return np.asarray(by_px)
 
 
 def _information(observations: Observations, T_camera_lidar: Pose) -> float:

@@ -91,7 +91,10 @@ def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> 
     places = np.array(squares, np.intp).reshape(-1, 3)
     places[:, 0] = observations.frame_indices[places[:, 0]]
     return InformationBySquares(
-        places, np.array(sums, np.float64), np.array(weights, np.float64), np.array(observations.scenes, np.intp)
+        places,
+        np.array(sums, np.float64),
+        np.array(weights, np.float64),
+        np.array(observations.scenes, np.intp),
     )
 
 
