@@ -105,7 +105,7 @@ def test_wrong_intrinsics_are_named(
         focal,
     )
     estimate = estimate_intrinsics(seen, T, around_intrinsics(seen, T))
-    (intrinsics,) = findings_among(check_intrinsics(estimate).measured)
+    (intrinsics,) = findings_among(check_intrinsics(estimate, seen.camera).measured)
     assert re.match(r"the frames contradict the intrinsics: f[xy] should be ", intrinsics.sentence)
 
 

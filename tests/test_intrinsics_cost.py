@@ -118,11 +118,11 @@ def test_labels_with_stated_errors_of_k_weigh_less_than_a_prior(
 def test_a_good_camera_is_confirmed(street_observations: Observations, polished: Pose) -> None:
     around = around_intrinsics(street_observations, polished)
     estimate = estimate_intrinsics(street_observations, polished, around)
-    assert findings_among(check_intrinsics(estimate).measured) == ()
-    tested = check_intrinsics(estimate)
+    assert findings_among(check_intrinsics(estimate, street_observations.camera).measured) == ()
+    tested = check_intrinsics(estimate, street_observations.camera)
     assert tested.checked is not None
     assert tested.checked.is_confirmed
-    assert tested.note.startswith("these frames confirm cx to +- ")
+    assert tested.notes[0].startswith("these frames confirm cx to +- ")
     assert notes_on_intrinsics(street_observations.camera, None) == ()
 
 
@@ -140,7 +140,7 @@ def test_a_wrong_intrinsic_is_named_with_its_value(
     assert refined is not None
     T = newton(seen, refined.T_camera_lidar, CONFIG).T_camera_lidar
     estimate = estimate_intrinsics(seen, T, around_intrinsics(seen, T))
-    (finding,) = findings_among(check_intrinsics(estimate).measured)
+    (finding,) = findings_among(check_intrinsics(estimate, seen.camera).measured)
     assert estimate is not None
     assert [*estimate.given][int(estimate.deviations.argmax())] == name
     assert finding.sentence.startswith(f"the frames contradict the intrinsics: {name} should be ")
@@ -151,7 +151,7 @@ def test_a_wrong_intrinsic_is_named_with_its_value(
 def test_a_single_frame_does_not_confirm_k_by_edges(street: Path, street_truth: Pose) -> None:
     one = replace(observe_edges(read_drive(street)), starts=STARTS).of_frames([0])
     assert estimate_intrinsics(one, street_truth, around_intrinsics(one, street_truth)) is None
-    assert check_intrinsics(None).note.startswith("K was not checked")
+    assert check_intrinsics(None, one.camera).notes[0].startswith("K was not checked")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from test_calibration import POSE, make_calibration
 from semcal_cli.cli.tables import COLUMNS, hypothesis_lines, summary_lines, verdict_lines, wrapped
 from semcal_cli.estimation.search.mounting import Mounting
 from semcal_cli.result.calibration_document import CalibrationDocument
+from semcal_cli.result.refined_camera import CheckedIntrinsics, Intrinsic
 
 LONG = (
     "a mounting 30 degrees away explains the labels almost as well: only 1.82 standard errors worse, needed at "
@@ -54,7 +55,10 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             "trusted",
             0,
             True,
-            ["verdict          trusted: +- 2.0 mm, +- 0.100 degrees (95 %), 0.0025 px at 10 m"],
+            [
+                "verdict          trusted: +- 2.0 mm, +- 0.100 degrees (95 %), 0.0025 px at 10 m,",
+                "                 if K is right, which these frames do not show",
+            ],
         ),
         (
             "not_trusted",
@@ -80,6 +84,15 @@ def test_the_verdict_says_how_good(status: str, reasons: int, uncertain: bool, l
         calibration = calibration.model_copy(update={"uncertainty": None})
     assert verdict_lines(calibration) == lines
     assert max(map(len, lines)) <= COLUMNS
+
+
+def test_a_camera_that_the_frames_confirm_is_not_in_question() -> None:
+    intrinsic = Intrinsic(given=320.0, found=320.0, sigma=1.0, half_width_95=2.0, is_determined=True)
+    checked = CheckedIntrinsics(intrinsics={"cx": intrinsic}, is_confirmed=True)
+    calibration = with_words(status="trusted").model_copy(update={"checked_intrinsics": checked})
+    assert verdict_lines(calibration) == [
+        "verdict          trusted: +- 2.0 mm, +- 0.100 degrees (95 %), 0.0025 px at 10 m"
+    ]
 
 
 def test_an_answer_that_no_check_applies_to_says_so() -> None:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from semcal_cli.drive.camera import Camera
 from semcal_cli.estimation.adjust.intrinsics_estimate import IntrinsicsEstimate
 from semcal_cli.findings.check import Check, Limit, Measured
 from semcal_cli.findings.entry import Entry, PageSection
@@ -77,16 +78,17 @@ class TestedIntrinsics(NamedTuple):
     measured: tuple[Measured, ...]
     checked: CheckedIntrinsics | None
     """What the frames say of each intrinsic; None if they determine none."""
-    note: str
-    """How well the frames confirm K."""
+    notes: tuple[str, ...]
+    """How well the frames confirm K; empty where K follows from the size of the image."""
 
 
-def check_intrinsics(estimate: IntrinsicsEstimate | None) -> TestedIntrinsics:
+def check_intrinsics(estimate: IntrinsicsEstimate | None, camera: Camera) -> TestedIntrinsics:
     """Compare the intrinsics that the frames ask for with those of the drive; the farthest off is named first."""
     if estimate is None:
-        return TestedIntrinsics((), None, "K was not checked: these frames do not determine it")
+        note = "K was not checked: these frames do not determine it"
+        return TestedIntrinsics((), None, () if camera.is_exact else (note,))
     checked = _checked(estimate)
-    return TestedIntrinsics((_compare(estimate),), checked, _note(checked))
+    return TestedIntrinsics((_compare(estimate),), checked, (_note(checked),))
 
 
 def _compare(estimate: IntrinsicsEstimate) -> Measured:

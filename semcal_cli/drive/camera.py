@@ -153,6 +153,11 @@ class Camera(StrictModel):
         """Columns and rows of the image."""
         return self.width, self.height
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether K follows from the size of the image."""
+        return self.model == "equirectangular"
+
     def zoomed(self, scale: float) -> "Camera":
         """Make the same camera with its focal lengths multiplied by a factor."""
         (fx, _, cx), (_, fy, cy), last_row = self.K
@@ -321,7 +326,7 @@ def sigma_of(camera: Camera) -> IntrinsicsSigma:
     """
     if camera.intrinsics_sigma is not None:
         return camera.intrinsics_sigma
-    return IntrinsicsSigma() if camera.model == "equirectangular" else default_sigma(camera)
+    return IntrinsicsSigma() if camera.is_exact else default_sigma(camera)
 
 
 def default_sigma(camera: Camera) -> IntrinsicsSigma:
@@ -332,7 +337,7 @@ def default_sigma(camera: Camera) -> IntrinsicsSigma:
 def with_sigma(camera: Camera, jointly: AdjustmentConfig) -> Camera:
     """Set the standard deviations of a camera from settings; the K of an equirectangular one stays exact."""
     share, center_px = jointly.focal_sigma, jointly.center_sigma_px
-    if (share is None and center_px is None) or camera.model == "equirectangular":
+    if (share is None and center_px is None) or camera.is_exact:
         return camera
     current, override = sigma_of(camera), _relative_sigma(camera, share or 0.0, center_px or 0.0)
     focal, center = current if share is None else override, current if center_px is None else override

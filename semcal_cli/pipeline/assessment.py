@@ -216,13 +216,13 @@ def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
         rivals = check_rivals(data.observations, T, uncertainty, with_priors=with_priors)
         # Where the pose itself is wrong, its surroundings say nothing about K.
         is_lost = any(finding.topic in OF_A_LOST_POSE for finding in findings_among(consistency))
-        tested = check_intrinsics(None if is_lost else estimate_intrinsics(of_checks, T, around))
+        tested = check_intrinsics(None if is_lost else estimate_intrinsics(of_checks, T, around), camera)
         assessment = frames.with_measured(
             *consistency,
             *rivals,
             *tested.measured,
         )
-        notes = (*frames.notes, tested.note, *notes_on_intrinsics(camera, cost), *of_scale.result())
+        notes = (*frames.notes, *tested.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
     assessment = replace(assessment, checked_intrinsics=tested.checked)
     if uncertainty is None:
         undetermined = check_uncertainty(None, with_priors=with_priors)

@@ -162,7 +162,8 @@ class CalibrationDocument(StrictModel):
     @property
     def is_camera_confirmed(self) -> bool:
         """Whether the frames confirm the intrinsics well enough for the interval to hold without trusting K."""
-        return self.checked_intrinsics is not None and self.checked_intrinsics.is_confirmed
+        checked = self.checked_intrinsics
+        return self.input.camera.is_exact or (checked is not None and checked.is_confirmed)
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:

@@ -115,8 +115,8 @@ def estimate_intrinsics(
 
 def _names(camera: Camera) -> tuple[str, ...]:
     """Name the intrinsics that are tested: those of K, and the first radial coefficient where the lens has one."""
-    if camera.model == "equirectangular":
-        return ()  # Its K follows from the size of the image.
+    if camera.is_exact:
+        return ()
     return (*K_ENTRIES, "k1") if "k1" in intrinsic_names(camera.model) else tuple(K_ENTRIES)
 
 
