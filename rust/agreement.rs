@@ -60,7 +60,7 @@ pub fn measure(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> 
         num_inside: frames.iter().map(|f| f.num_inside).sum(),
         num_hidden: frames.iter().map(|f| f.num_hidden).sum(),
         overlap: frames.iter().map(|f| f.overlap).sum::<f64>() / frames.len() as f64,
-        sigma: standard_error(&joint, observations, &frames),
+        sigma: standard_error(&joint, &by_scenes(observations, &frames)),
         joint,
     }
 }
@@ -104,7 +104,7 @@ pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> InformationGain
         let frames = per_frame(held_out, pose);
         let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();
         let total = merged(held_out, &clusters).total().max(MIN_WEIGHT);
-        by_scene(held_out, &frames, |cluster| {
+        sums(&by_scenes(held_out, &frames), |cluster| {
             cluster.weights.iter().zip(&table).map(|(weight, pmi)| weight * pmi).sum::<f64>() / total
         })
     });
@@ -124,16 +124,20 @@ impl InformationGain {
     }
 }
 
+/// The number of the scene of a frame, and its clusters by their places in the image.
+type SceneClusters<'a> = (u32, &'a [JointHistogram]);
+
+fn by_scenes<'a>(observations: &Observations, frames: &'a [FrameAgreement]) -> Vec<SceneClusters<'a>> {
+    let numbered = frames.iter().zip(0..);
+    numbered.map(|(frame, number)| (observations.scene_of(number), frame.clusters.as_slice())).collect()
+}
+
 /// Sums a value of the clusters over the frames of each scene, by scene and place of the cluster.
-fn by_scene(
-    observations: &Observations,
-    frames: &[FrameAgreement],
-    value: impl Fn(&JointHistogram) -> f64,
-) -> BTreeMap<(u32, usize), f64> {
+fn sums(frames: &[SceneClusters<'_>], value: impl Fn(&JointHistogram) -> f64) -> BTreeMap<(u32, usize), f64> {
     let mut sums = BTreeMap::new();
-    for (frame, number) in frames.iter().zip(0..) {
-        for (place, cluster) in frame.clusters.iter().enumerate() {
-            *sums.entry((observations.scene_of(number), place)).or_default() += value(cluster);
+    for (scene, clusters) in frames {
+        for (place, cluster) in clusters.iter().enumerate() {
+            *sums.entry((*scene, place)).or_default() += value(cluster);
         }
     }
     sums
@@ -141,14 +145,14 @@ fn by_scene(
 
 /// Standard error of the mutual information. Pairs in a cluster are dependent, clusters of different scenes and places
 /// are independent. A pair moves the estimate by the deviation of its pointwise mutual information from the mean.
-fn standard_error(joint: &JointHistogram, observations: &Observations, frames: &[FrameAgreement]) -> f64 {
+fn standard_error(joint: &JointHistogram, frames: &[SceneClusters<'_>]) -> f64 {
     let (pointwise, mean, total) = (joint.pointwise(), joint.mutual_information(), joint.total());
     let influence = |cluster: &JointHistogram| {
         let pairs = cluster.weights.iter().zip(&pointwise).filter(|(weight, _)| **weight > 0.0);
         pairs.map(|(weight, pmi)| weight * (pmi - mean)).sum::<f64>() / total
     };
-    let weights = by_scene(observations, frames, JointHistogram::total);
-    let influences = by_scene(observations, frames, influence);
+    let weights = sums(frames, JointHistogram::total);
+    let influences = sums(frames, influence);
     let occupied = influences.values().zip(weights.values()).filter(|(_, weight)| **weight > 0.0);
     let (count, sum) = occupied.fold((0, 0.0), |(n, sum), (influence, _)| (n + 1, sum + influence.powi(2)));
     if count < 2 { f64::INFINITY } else { (sum * f64::from(count) / f64::from(count - 1)).sqrt() }
@@ -247,9 +251,15 @@ mod tests {
         let joint = diagonal(6.0, 2.0);
         let gap = 6.0 * (-(0.75f64.ln()) - joint.mutual_information()) / 8.0;
         let expected = (2.0 * (gap * gap + gap * gap)).sqrt();
-        assert!((standard_error(&joint, &[&clusters[0], &clusters[1]]) - expected).abs() < 1e-12);
+        assert!((standard_error(&joint, &[(0, &clusters)]) - expected).abs() < 1e-12);
         let alike = [diagonal(3.0, 1.0), diagonal(3.0, 1.0)];
-        assert!(standard_error(&joint, &[&alike[0], &alike[1]]) < 1e-12);
-        assert_eq!(standard_error(&joint, &[&joint]), f64::INFINITY);
+        assert!(standard_error(&joint, &[(0, &alike)]) < 1e-12);
+        let one = [diagonal(6.0, 2.0)];
+        assert_eq!(standard_error(&joint, &[(0, &one)]), f64::INFINITY);
+        // Frames of one scene repeat one another, those of others do not.
+        let twice = diagonal(12.0, 4.0);
+        let error = |second| standard_error(&twice, &[(0, &clusters), (second, &clusters)]);
+        assert!((error(0) - expected).abs() < 1e-12);
+        assert!(error(1) < 0.8 * expected);
     }
 }
