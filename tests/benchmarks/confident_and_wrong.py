@@ -29,6 +29,7 @@ from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, inverse
 from semcal_cli.geometry.twists import displace, pose_at
+from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import calibrate
 
 Document = dict[str, Any]
@@ -124,18 +125,15 @@ def _kinds() -> Iterator[tuple[str, intrinsics.KError, Spoil]]:
 
 def _outcome(path: Path, kind: str, cue: CueName, seed: int) -> tuple[str, str]:
     """Calibrate a drive, and say whether it is trusted and right, with the topic that comes first."""
+    config = CalibrationConfig(cues=(cue,), seed=seed)
     drive = read_drive(path)
     T_true = np.array(drive.T_camera_lidar) @ inverse(MOVES_TRUTH.get(kind, np.eye(4)))
     start = displace(T_true, intrinsics.START_DEG, intrinsics.START_M, np.random.default_rng(seed))
     initial = InitialPose(inverse(start) if kind == INVERTED else start, "start")
     try:
-        found = calibrate(
-            drive,
-            CalibrationConfig(cues=(cue,), seed=seed),
-            initial_pose=None if cue == "labels" else initial,
-        )
-    except SemcalError as error:
-        return "not trusted", type(error).__name__
+        found = calibrate(load(drive, config), config, initial_pose=None if cue == "labels" else initial)
+    except SemcalError as failure:
+        return "not trusted", type(failure).__name__
     error = compare_poses(found.pose, T_true)
     widths = np.zeros(6) if found.uncertainty is None else np.array(found.uncertainty.half_widths)
     is_wrong = (

@@ -130,7 +130,9 @@ def spoiled(source: Path, folder: Path, error: KError, frames: slice = slice(Non
 
 def _changed(source: Path, path: Path, error: KError, camera: dict[str, object]) -> Path:
     """Crop or resize an image, and state its size."""
-    image = cv2.imread(str(source), cv2.IMREAD_UNCHANGED)[error.top_px :, error.left_px :]
+    whole = cv2.imread(str(source), cv2.IMREAD_UNCHANGED)
+    assert whole is not None
+    image = whole[error.top_px :, error.left_px :]
     if error.resized != 1.0:
         how = cv2.INTER_NEAREST if image.ndim == 2 else cv2.INTER_AREA
         image = cv2.resize(image, None, fx=error.resized, fy=error.resized, interpolation=how)

@@ -8,7 +8,7 @@ left out.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -147,7 +147,7 @@ def _listed(name: str, source: Path, folder: Path, synchronization: str = "unkno
         )
 
 
-READERS = {
+READERS: dict[str, Callable[[Path, Path], Iterator[RealDrive]]] = {
     "kitti_object": _kitti_object,
     "kitti_raw_right": _kitti_raw,
     "kitti_raw_jam": _kitti_raw,
