@@ -1,7 +1,7 @@
 //! Agreement of points and full-resolution label images at a pose: exact mutual information, label agreement,
 //! overlap.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use geometry::camera::Camera;
 use nalgebra::{Isometry3, Point2};
@@ -169,7 +169,9 @@ impl FrameAgreement {
     fn new(observations: &Observations, frame: &Frame, t_camera_lidar: &Isometry3<f64>) -> Self {
         let camera = &observations.camera;
         let (projected, hidden) = frame.points.in_image(camera, t_camera_lidar);
-        let across = (CLUSTERS_ACROSS / (observations.frames.len() as f64).sqrt()).ceil();
+        let numbers = 0..observations.frames.len() as u32;
+        let scenes: BTreeSet<u32> = numbers.map(|number| observations.scene_of(number)).collect();
+        let across = (CLUSTERS_ACROSS / (scenes.len() as f64).sqrt()).ceil();
         let areas = Blocks::new(camera, across);
         let empty = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
         let mut clusters = vec![empty; areas.count];

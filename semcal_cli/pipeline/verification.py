@@ -8,7 +8,6 @@ from typing import get_args
 
 import numpy as np
 
-from semcal_cli import core
 from semcal_cli.checks import precedence
 from semcal_cli.checks.own_drive import check_own_drive
 from semcal_cli.config import (
@@ -291,7 +290,9 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         notes,
         estimate,
         data.drive.time_offset_s if clock is None else clock.time_offset_s,
-        None if has_moved is None else has_moved or verdict == "fail",
+        None
+        if has_moved is None
+        else has_moved or any(check.verdict == "fail" for check in checks if check.name != CLOCK),
         smallest,
     )
 
@@ -310,8 +311,7 @@ def _moved(error: PoseError, uncertainty: Uncertainty, *, is_rough: bool) -> tup
     offsets = np.concatenate([error.camera_center_xyz_m, error.rotation_xyz_rad])
     freedom = np.array(uncertainty.degrees_of_freedom)
     limit = joint_quantile(CHANCE, float(freedom.min()))
-    quantiles = np.array([core.student_quantile(1.0 - 0.5 * CHANCE, each) for each in freedom])
-    smallest = quantiles / np.sqrt(np.diag(information))
+    smallest = np.sqrt(limit / np.diag(information))
     visible = PoseChange(
         camera_center_m=smallest[:3].tolist(), rotation_deg=np.degrees(smallest[3:]).tolist()
     )

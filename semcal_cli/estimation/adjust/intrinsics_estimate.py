@@ -50,6 +50,9 @@ MIN_SCENES = 4
 NEAR_PX = 1.6
 """A step of Newton's method stands for the ascent if it changes no intrinsic by more than this misalignment of points
 does, root mean square. A longer one is no measure: from focal lengths 3 % too short it went five times too far."""
+MIN_MOTION = 1e-12
+"""Smallest eigenvalue of the products of the points' motions, each variable scaled. Less is rounding: on a single
+plane, intrinsics and the pose cannot be distinguished."""
 SETTLED_PX = 0.1
 """An ascent has settled if its last round moved the points by no more than this, as a polish has."""
 
@@ -97,6 +100,9 @@ def estimate_intrinsics(
         return None
     given = {name: intrinsic_value(observations.camera, name) for name in names}
     around = around.of_first(6 + len(names))
+    scale = 1.0 / np.sqrt(np.diag(around.motions))
+    if np.linalg.eigvalsh(around.motions * np.outer(scale, scale))[0] < MIN_MOTION:
+        return None
     if not is_rough and around.is_maximum:
         step = around.scores.sum(axis=0) @ around.influence
         if np.all(np.abs(step[6:]) < NEAR_PX * _pixels_of(around, names)):
@@ -117,7 +123,9 @@ def _names(camera: Camera) -> tuple[str, ...]:
     """Name the intrinsics that are tested: those of K, and the first radial coefficient where the lens has one."""
     if camera.is_exact:
         return ()
-    return (*K_ENTRIES, "k1") if "k1" in intrinsic_names(camera.model) else tuple(K_ENTRIES)
+    # The denominator of a rational lens, k4 to k6, bends what k1 does; the sensitivity is that of k1 alone.
+    has_k1 = "k1" in intrinsic_names(camera.model) and not any(camera.distortion[5:])
+    return (*K_ENTRIES, "k1") if has_k1 else tuple(K_ENTRIES)
 
 
 def _ascend(observations: Observations, T_camera_lidar: Pose, names: tuple[str, ...]) -> core.JointMaximum:
