@@ -1,7 +1,7 @@
 //! Agreement of points and full-resolution label images at a pose: exact mutual information, label agreement,
 //! overlap.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use geometry::camera::Camera;
 use nalgebra::{Isometry3, Point2};
@@ -66,7 +66,10 @@ pub fn measure(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> 
 }
 
 fn per_frame(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> Vec<FrameAgreement> {
-    let compare = |frame| FrameAgreement::new(observations, frame, t_camera_lidar);
+    // Clusters of all scenes together are about as many, whatever the number of frames.
+    let across = (CLUSTERS_ACROSS / (observations.num_scenes() as f64).sqrt()).ceil();
+    let areas = Blocks::new(&observations.camera, across);
+    let compare = |frame| FrameAgreement::new(observations, frame, t_camera_lidar, &areas);
     observations.frames.par_iter().map(compare).collect()
 }
 
@@ -166,13 +169,14 @@ struct FrameAgreement {
 }
 
 impl FrameAgreement {
-    fn new(observations: &Observations, frame: &Frame, t_camera_lidar: &Isometry3<f64>) -> Self {
+    fn new(
+        observations: &Observations,
+        frame: &Frame,
+        t_camera_lidar: &Isometry3<f64>,
+        areas: &Blocks,
+    ) -> Self {
         let camera = &observations.camera;
         let (projected, hidden) = frame.points.in_image(camera, t_camera_lidar);
-        let numbers = 0..observations.frames.len() as u32;
-        let scenes: BTreeSet<u32> = numbers.map(|number| observations.scene_of(number)).collect();
-        let across = (CLUSTERS_ACROSS / (scenes.len() as f64).sqrt()).ceil();
-        let areas = Blocks::new(camera, across);
         let empty = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
         let mut clusters = vec![empty; areas.count];
         let (mut num_inside, mut num_hidden) = (0, 0);

@@ -8,6 +8,7 @@
 //! sweep had been rotated (a spin test: Alexander-Bloch et al., NeuroImage 2018). Its mutual information with the
 //! image is what any partition of that kind would have. See `alignment/adjusted.rs` for the score.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -160,6 +161,10 @@ impl Observations {
     /// The number of the scene of a frame. Standard errors sum over the frames of a scene before they are squared.
     pub fn scene_of(&self, frame: u32) -> u32 {
         self.frames[frame as usize].scene.unwrap_or(frame)
+    }
+
+    pub fn num_scenes(&self) -> usize {
+        (0..self.frames.len() as u32).map(|frame| self.scene_of(frame)).collect::<BTreeSet<_>>().len()
     }
 
     pub fn has_partitions(&self) -> bool {

@@ -86,10 +86,8 @@ impl PyObservations {
         edge_band_px: usize,
         by_classes: bool,
     ) -> PyResult<Self> {
-        let frame = |(cloud, image, weight, scene): &(PyRef<'_, _>, PyRef<'_, _>, f32, u32)| Frame {
-            weight: *weight,
-            scene: Some(*scene),
-            ..frame(cloud, image, by_classes)
+        let frame = |(cloud, image, weight, scene): &(PyRef<'_, _>, PyRef<'_, _>, f32, u32)| {
+            frame(cloud, image, *weight, *scene, by_classes)
         };
         let frames = frames.iter().map(frame).collect();
         let mut observations =
@@ -106,14 +104,20 @@ impl PyLabelledImage {
     }
 }
 
-fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage, by_classes: bool) -> Frame {
+fn frame(
+    cloud: &PyLabelledCloud,
+    image: &PyLabelledImage,
+    weight: f32,
+    scene: u32,
+    by_classes: bool,
+) -> Frame {
     Frame {
         points: Arc::clone(&cloud.points),
         point_classes: Arc::clone(&cloud.classes),
         image: Arc::clone(&image.pyramid),
         point_shares: cloud.shares.clone(),
         partitions: cloud.partitions.clone().filter(|_| !by_classes),
-        weight: 1.0,
-        scene: None,
+        weight,
+        scene: Some(scene),
     }
 }

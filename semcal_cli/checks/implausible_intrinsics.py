@@ -70,7 +70,7 @@ def implausible_intrinsics(camera: Camera) -> dict[str, Finding]:
     Returns:
         A finding for each implausible intrinsic, by name.
     """
-    if camera.model == "equirectangular":
+    if camera.is_exact:
         return {}  # Its principal point may be anywhere in a full turn.
     (fx, _, cx), (_, fy, cy), _ = camera.K
     measured = {}

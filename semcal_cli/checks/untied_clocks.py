@@ -13,7 +13,7 @@ import numpy as np
 
 from semcal_cli.checks.sweep_shift import STEP_M, shifts_m
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.estimation.adjust.clock import ClockUncertainty
+from semcal_cli.estimation.adjust.clock import SWEEP_S, ClockUncertainty
 from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
@@ -84,8 +84,6 @@ OTHER_NAMES = Check(
 )
 ASSUMED_M_S = 10.0
 """Speed of the example where none is known, as of a car in a town."""
-FRAME_S = 0.1
-"""Time from one sweep to the next without stamps: most LiDARs turn ten times a second."""
 DELAY_S = 0.01
 """Delay of the example: one at which a camera without a trigger counts as well synchronised."""
 MIN_MOVED_M = 2.0 * STEP_M
@@ -113,8 +111,8 @@ def check_clocks(data: LoadedDrive, clock: ClockUncertainty | None) -> Measured:
         cost = f"the rig moves: {_cost(clock.speed_m_s)}"
     elif (moved := _moved(data.recorded or drive)) is not None:
         distance_m, seconds = moved
-        assumed = "" if seconds else f", if these are {FRAME_S:g} s apart"
-        speed_m_s = distance_m / (seconds or FRAME_S)
+        assumed = "" if seconds else f", if these are {SWEEP_S:g} s apart"
+        speed_m_s = distance_m / (seconds or SWEEP_S)
         cost = f"the rig moves {distance_m:.2f} m from one frame to the next: {_cost(speed_m_s)}{assumed}"
     elif _stands(data.observations):
         return Measured(UNTIED_CLOCKS.topic, "", 0.0)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.drive.camera import Camera
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.adjust.intrinsics_estimate import IntrinsicsEstimate
 from semcal_cli.findings.check import Check, Limit, Measured
 from semcal_cli.findings.entry import Entry, PageSection
@@ -14,7 +15,7 @@ from semcal_cli.findings.phrases import OR_ESTIMATE_K
 from semcal_cli.findings.symptoms import OF_A_WRONG_K
 from semcal_cli.geometry.arrays import Numbers
 from semcal_cli.result.refined_camera import CheckedIntrinsics, Intrinsic
-from semcal_cli.result.uncertainty import figure
+from semcal_cli.result.uncertainty import NORMAL_95, figure
 
 WRONG_INTRINSICS = Check(
     topic="intrinsics",
@@ -94,16 +95,18 @@ def check_intrinsics(estimate: IntrinsicsEstimate | None, camera: Camera) -> Tes
 def _compare(estimate: IntrinsicsEstimate) -> Measured:
     limit, deviations, words = WRONG_INTRINSICS.limit(), estimate.deviations, list[str]()
     for index in np.argsort(-deviations):
-        if deviations[index] > limit or not words:
+        if deviations[index] > limit:
             name = [*estimate.given][index]
-            given, half = estimate.given[name], 1.96 * estimate.sigmas[index]
-            digits = max(0, 1 - int(np.floor(np.log10(half)))) if np.isfinite(half) and half > 0.0 else 1
-            found = f"{given + estimate.changes[index]:.{digits}f} +- {half:.{digits}f}"
+            given, half = estimate.given[name], figure(NORMAL_95 * float(estimate.sigmas[index]))
+            digits = len(half.partition(".")[2])
+            away, _ = format_against_limit(float(deviations[index]), limit, 1)
             words.append(
-                f"{name} should be {found} instead of {given:.{max(digits, 1)}f}, {deviations[index]:.1f} standard "
-                "errors away"
+                f"{name} should be {given + estimate.changes[index]:.{digits}f} +- {half} instead of "
+                f"{given:.{max(digits, 1)}f}, {away} standard errors away"
             )
-    sentence = f"the frames contradict the intrinsics: {', '.join(words)}, needed at most {limit:g}"
+    sentence = (
+        f"the frames contradict the intrinsics: {', '.join(words)}, needed at most {limit:g}" if words else ""
+    )
     return WRONG_INTRINSICS.measured(float(deviations.max()), sentence)
 
 
@@ -118,7 +121,7 @@ def _checked(estimate: IntrinsicsEstimate) -> CheckedIntrinsics:
             given=given,
             found=given + change if is_determined else given,
             sigma=sigma if is_determined else None,
-            half_width_95=1.96 * sigma if is_determined else None,
+            half_width_95=NORMAL_95 * sigma if is_determined else None,
             is_determined=is_determined,
         )
     return CheckedIntrinsics(intrinsics=intrinsics, is_confirmed=_is_confirmed(estimate))
@@ -144,13 +147,10 @@ def _note(checked: CheckedIntrinsics) -> str:
     """Describe to how many pixels and percent the frames confirm K, or that they do not."""
     if not checked.is_confirmed:
         return "K was checked, but these frames would not show every error of it that moves the pose far"
+    shares = {name: 100.0 / checked.intrinsics[name].given for name in ("fx", "fy")}
     widths = [
-        f"{name} to +- {figure(half)} px"
-        for name in ("cx", "cy")
-        if (half := checked.intrinsics[name].half_width_95) is not None
-    ] + [
-        f"{name} to +- {figure(100.0 * half / checked.intrinsics[name].given)} %"
-        for name in ("fx", "fy")
+        f"{name} to +- {figure(shares.get(name, 1.0) * half)} {'%' if name in shares else 'px'}"
+        for name in ("cx", "cy", "fx", "fy")
         if (half := checked.intrinsics[name].half_width_95) is not None
     ]
     return f"these frames confirm {', '.join(widths)}"

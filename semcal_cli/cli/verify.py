@@ -190,7 +190,6 @@ def _print(verification: Verification, *, verbose: bool) -> None:
 
 
 def _check_line(check: AxisVerdict, word: str) -> str:
-
     text, allowed = check.text, f"{check.allowed:g} {check.unit}"
     if text.offset:
         found = f"{text.offset:>9} {f'+- {text.half_width}' if text.half_width else '':<9}{check.unit}"

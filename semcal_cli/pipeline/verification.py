@@ -274,11 +274,13 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     reasons += [(finding.topic, finding.sentence) for finding in of_record]
     if of_record:
         verdict = "inconclusive" if verdict == "pass" else verdict
-    is_trusted = not findings and uncertainty is not None
     has_moved, smallest = None, None
-    if is_trusted and uncertainty is not None:
-        has_moved, smallest = _moved(error, uncertainty, is_rough=data.observations.is_multimodal)
+    if not findings and uncertainty is not None:
+        is_beyond = any(check.verdict == "fail" for check in checks if check.name != CLOCK)
+        is_shown, smallest = _moved(error, uncertainty, is_rough=data.observations.is_multimodal)
+        has_moved = is_shown or is_beyond
         notes = (*notes, _visible(smallest))
+    is_trusted = smallest is not None
     if verdict == "inconclusive" and (of_record or not is_trusted):
         checks = tuple(check.not_judged(is_trusted=is_trusted) for check in checks)
     clock = stages.joint.clock if stages.joint is not None and stages.is_joint else None
@@ -290,9 +292,7 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         notes,
         estimate,
         data.drive.time_offset_s if clock is None else clock.time_offset_s,
-        None
-        if has_moved is None
-        else has_moved or any(check.verdict == "fail" for check in checks if check.name != CLOCK),
+        has_moved,
         smallest,
     )
 

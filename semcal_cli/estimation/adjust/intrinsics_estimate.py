@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semcal_cli import core
-from semcal_cli.config import AscentConfig
+from semcal_cli.config import AscentConfig, PolishConfig
 from semcal_cli.drive.camera import (
     K_ENTRIES,
     Camera,
@@ -32,29 +32,24 @@ from semcal_cli.geometry.arrays import Matrix, Numbers, Pose
 from semcal_cli.observations.observations import Observations
 
 LEVELS = (4, 2)
-"""Sides of the blocks of the ascent, pixels. From K that is 20 pixels or 3 % off it ends within 2 pixels of where it
-ends from the right K, on each of three KITTI sets (`tests/benchmarks/intrinsics.py`). A level of 8 pixels before them
-changes that by less than a pixel, and one of single pixels takes twice the time."""
+"""Sides of the blocks of the ascent, pixels. On KITTI object, with K that is 20 pixels or 3 % off, cx and fx end within
+a pixel of where they end with the right K, and fy and cy within 5. A level of 8 pixels before them changes cy by up to
+3 pixels, cx and fx by less than 1, and one of single pixels takes up to twice the time."""
 FOCAL_SIGMA, CENTER_SIGMA, LENS_SIGMA = 0.05, 0.03, 0.1
 """Standard deviations of the priors that hold what the frames do not determine: relative, as a share of the image's
 width, and of the first radial coefficient. Errors of a camera whose images are used are smaller."""
 SHARED_PX, SCENE_PX = 0.35, 1.5
 """Misalignment of the points, root mean square, that all scenes share, and that each scene has of its own where edges
-are compared. On halves and thirds of three KITTI sets with their right K, estimates are off by 3 times what they give
-at most (`tests/benchmarks/intrinsics.py`)."""
+are compared. On three KITTI sets and their halves with the right K, estimates are off by at most 2.5 times what they
+give (`tests/benchmarks/intrinsics.py`); on a third of one, five scenes, cx is off by 3.4 times."""
 SHARE_OF_CY = 0.27
 """The same for cy, relative to the others: vertical edges, which are sharp, distinguish cy from a pitch by columns. On
-the same drives it scatters by 3 pixels, where the misalignment of the points would allow 10."""
+the same drives it is off by 1 to 4 pixels, where the misalignment of the points would allow 11 to 15."""
 MIN_SCENES = 4
-"""Least number of scenes where edges are compared: with fewer, cx of a right K was off by 14 pixels."""
+"""Least number of scenes where edges are compared, the number that a trusted pose by edges needs."""
 NEAR_PX = 1.6
 """A step of Newton's method stands for the ascent if it changes no intrinsic by more than this misalignment of points
 does, root mean square. A longer one is no measure: from focal lengths 3 % too short it went five times too far."""
-MIN_MOTION = 1e-12
-"""Smallest eigenvalue of the products of the points' motions, each variable scaled. Less is rounding: on a single
-plane, intrinsics and the pose cannot be distinguished."""
-SETTLED_PX = 0.1
-"""An ascent has settled if its last round moved the points by no more than this, as a polish has."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +95,7 @@ def estimate_intrinsics(
         return None
     given = {name: intrinsic_value(observations.camera, name) for name in names}
     around = around.of_first(6 + len(names))
-    scale = 1.0 / np.sqrt(np.diag(around.motions))
-    if np.linalg.eigvalsh(around.motions * np.outer(scale, scale))[0] < MIN_MOTION:
+    if not around.is_distinct:
         return None
     if not is_rough and around.is_maximum:
         step = around.scores.sum(axis=0) @ around.influence
@@ -111,12 +105,12 @@ def estimate_intrinsics(
     ascent = _ascend(seen, T_camera_lidar, names)
     changes = np.array(ascent.changes)
     adjusted = adjust_observations(seen, Variables(names, with_delay=False), changes)
-    is_higher = _information(adjusted, ascent.T_camera_lidar) > _information(seen, T_camera_lidar)
+    is_higher = adjusted.information(ascent.T_camera_lidar) > seen.information(T_camera_lidar)
     if is_higher and not is_rough:
         at_end = around_intrinsics(adjusted, ascent.T_camera_lidar)
         around = around if at_end is None else at_end.of_first(6 + len(names))
     estimate = _estimate(given, changes if is_higher else np.zeros(len(names)), around, observations)
-    return replace(estimate, is_settled=ascent.moved_px <= SETTLED_PX)
+    return replace(estimate, is_settled=ascent.moved_px <= PolishConfig.settled_px)
 
 
 def _names(camera: Camera) -> tuple[str, ...]:
@@ -165,9 +159,3 @@ def _pixels_of(around: Sensitivity, names: tuple[str, ...]) -> Numbers:
     by_px = np.sqrt(np.diag(np.linalg.inv(around.motions))[6:])
     by_px[names.index("cy")] *= SHARE_OF_CY
     return np.asarray(by_px)
-
-
-def _information(observations: Observations, T_camera_lidar: Pose) -> float:
-    """Compute the mutual information at a pose, nats, without its bias."""
-    agreement = core.agreement(observations.core, T_camera_lidar)
-    return agreement.mutual_information - agreement.bias

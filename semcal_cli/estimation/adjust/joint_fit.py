@@ -223,7 +223,7 @@ class Problem:
         at_drive, levels = np.zeros(len(variables.names)), range(coarsest, FINE_LEVELS - 1, -1)
         coarse = self._climb(T, variables, at_drive, levels, MIN_EVIDENCE)
         fit = self.finish(coarse.T_camera_lidar, variables, _changes(coarse, variables))
-        is_higher = _information(fit.observations, fit.T_camera_lidar) >= _information(self.observations, T)
+        is_higher = fit.observations.information(fit.T_camera_lidar) >= self.observations.information(T)
         return fit if fit.variables == variables and is_higher else self.finish(T, variables, at_drive)
 
     def _on_determined_blocks(self, fit: Fit) -> Fit:
@@ -306,12 +306,6 @@ class Problem:
         basis = directions / scale[:, None]
         covariance = np.asarray(basis / weights @ basis.T)
         return covariance, labels.degrees_of_freedom(covariance)
-
-
-def _information(observations: Observations, T: Pose) -> float:
-    """Compute the mutual information at a pose, nats, without its bias."""
-    agreement = core.agreement(observations.core, T)
-    return agreement.mutual_information - agreement.bias
 
 
 def _changes(maximum: core.JointMaximum, variables: Variables) -> Numbers:

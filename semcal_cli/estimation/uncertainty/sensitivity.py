@@ -104,15 +104,22 @@ class Sensitivity:
     @property
     def is_determined(self) -> bool:
         """Whether the mutual information falls in every direction of the pose, with all other variables fixed."""
-        scale = 1.0 / np.sqrt(np.diag(self.motions)[:6])
-        bends = np.linalg.eigvalsh(self.curvature[:6, :6] * np.outer(scale, scale))
-        return bool(bends[0] > 0.0 and self.num_squares > 6 + 1)
+        return self.of_first(6).is_maximum and self.num_squares > 6 + 1
 
     @property
     def is_maximum(self) -> bool:
         """Whether the mutual information falls in every direction of all variables together."""
+        return self._smallest_of(self.curvature) > 0.0
+
+    @property
+    def is_distinct(self) -> bool:
+        """Whether no change of some variables hides one of others: on a plane, intrinsics and the pose do."""
+        return self._smallest_of(self.motions) > MIN_SPREAD
+
+    def _smallest_of(self, matrix: Matrix) -> float:
+        """Compute the smallest eigenvalue of a matrix (n, n), for variables that each move points by a pixel."""
         scale = 1.0 / np.sqrt(np.diag(self.motions))
-        return bool(np.linalg.eigvalsh(self.curvature * np.outer(scale, scale))[0] > 0.0)
+        return float(np.linalg.eigvalsh(matrix * np.outer(scale, scale))[0])
 
     def of_first(self, count: int) -> Sensitivity:
         """Return the sensitivity to the first variables, with the others fixed."""
