@@ -27,6 +27,12 @@ const REACH: f64 = 0.02;
 /// A gap of more than this many times the usual distance of neighbours means that returns are missing.
 const MAX_GAP: f64 = 7.0;
 
+/// Where a surface ends beside its last ray, in rays. A ray is wide, so that less than half of it on the surface still
+/// makes a return there. Against 0.5, the information at the maximum rises from 0.0266 to 0.0280 nats on 14 pairs of
+/// KITTI object, from 0.0325 to 0.0366 on 15 of KITTI raw, and from 0.180 to 0.182 with a VLP-16; 0.2 adds nothing.
+/// Behind a gap the next return says nothing of where the surface ended.
+const RANGE_STEP: f64 = 0.35;
+
 /// Smallest cosine of an elevation: at the poles azimuths are meaningless.
 const MIN_COSINE: f64 = 1e-3;
 
@@ -36,7 +42,7 @@ pub struct Steps {
     /// Range of the farther one of the two neighbours minus that of the point, metres: infinite if there is no
     /// return next to the point, NaN if the point itself is not a return.
     pub range_m: Vec<f32>,
-    /// Vector from each point half-way to that neighbour's ray, metres: the surface ends in between.
+    /// Vector from each point towards that neighbour's ray, metres, to where the surface ends: see [`RANGE_STEP`].
     pub to_range_step_m: Vec<[f32; 3]>,
     /// Larger intensity difference to a neighbour on the same surface, NaN if there is none; `None` without
     /// intensities.
@@ -76,17 +82,18 @@ fn of_sweep(points: &[[f32; 3]], intensity: Option<&[f32]>, same_surface_m: f64)
         let [left, right] = sides.map(step);
         let side = usize::from(right > left);
         steps.range_m[ray.index] = f64::max(left, right) as f32;
-        let neighbour = sides[side].map(|beside| rays.sorted[beside.at]);
-        steps.to_range_step_m[ray.index] = ray.half_way(neighbour, side, spacing);
+        let gap = sides[side].map_or(spacing, |beside| beside.distance.min(spacing));
+        let arc = RANGE_STEP * gap * if side == 0 { 1.0 } else { -1.0 };
+        steps.to_range_step_m[ray.index] = ray.turned(arc);
         if let Some((intensity, values)) = intensity.zip(steps.intensity.as_mut()) {
-            for (side, beside) in sides.iter().enumerate() {
+            for beside in &sides {
                 let Some(other) = beside.map(|beside| rays.sorted[beside.at]) else { continue };
                 let difference = (intensity[other.index] - intensity[ray.index]).abs();
                 let is_same = (other.range - ray.range).abs() < same_surface_m;
                 let value = &mut values[ray.index];
                 if is_same && (value.is_nan() || difference > *value) {
                     *value = difference;
-                    steps.to_intensity_step_m[ray.index] = ray.half_way(Some(other), side, spacing);
+                    steps.to_intensity_step_m[ray.index] = ray.half_way(other);
                 }
             }
         }
@@ -108,20 +115,20 @@ impl Ray {
         from_angles(self.azimuth, self.elevation)
     }
 
-    /// Vector from the point, metres, to its range half-way to a neighbour's ray on one side. Without a neighbour,
-    /// that is half the usual spacing of rays, radians.
-    fn half_way(&self, neighbour: Option<Self>, side: usize, spacing: f64) -> [f32; 3] {
-        let own = self.direction();
-        let middle = match neighbour {
-            Some(other) => own + other.direction(),
-            None => {
-                let turn =
-                    if side == 0 { 0.5 } else { -0.5 } * spacing / self.elevation.cos().max(MIN_COSINE);
-                from_angles(self.azimuth + turn, self.elevation)
-            }
-        };
-        let by = (middle.normalize() - own) * self.range;
+    /// Vector from the point, metres, to its range half-way to a neighbour's ray.
+    fn half_way(&self, neighbour: Self) -> [f32; 3] {
+        self.to(&(self.direction() + neighbour.direction()))
+    }
+
+    /// Vector from the point, metres, to its range in a direction.
+    fn to(&self, direction: &Vector3<f64>) -> [f32; 3] {
+        let by = (direction.normalize() - self.direction()) * self.range;
         [by.x as f32, by.y as f32, by.z as f32]
+    }
+
+    /// Vector from the point, metres, to its range at another azimuth, radians of arc away.
+    fn turned(&self, arc: f64) -> [f32; 3] {
+        self.to(&from_angles(self.azimuth + arc / self.elevation.cos().max(MIN_COSINE), self.elevation))
     }
 }
 

@@ -859,7 +859,7 @@ class Steps:
     It is infinite if there is no return next to the point, and NaN if the point itself is not a return.
     """
     to_range_step_m: _Float32
-    """(N, 3) vector from each point half-way to that neighbour's ray, metres: the surface ends in between."""
+    """(N, 3) vector from each point towards that neighbour's ray, metres, to where the surface ends."""
     to_intensity_step_m: _Float32
     """(N, 3) vector from each point half-way to the neighbour whose intensity differs more, metres."""
     spacing: float

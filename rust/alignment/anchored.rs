@@ -34,8 +34,7 @@ impl Anchored {
         counted: Counted,
         constant_radius: usize,
     ) -> Self {
-        let edge_band_px = observations.edge_band_px;
-        let level = Level::new(observations, factor, edge_band_px, max_points);
+        let level = Level::new(observations, &[*anchor], factor, max_points);
         let Selection { moving: samples, constant } = match constant_radius {
             0 => Selection { moving: level.samples(anchor, counted), constant: level.empty_joint() },
             radius => level.select(anchor, counted, radius),

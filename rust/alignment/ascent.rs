@@ -50,8 +50,7 @@ pub fn ascend(
     config: &AlignmentConfig,
     seed: u64,
 ) -> Ascended {
-    let level =
-        Level::new(in_view(observations, &[*start]), factor, observations.edge_band_px, config.max_points);
+    let level = Level::new(in_view(observations, &[*start]), &[*start], factor, config.max_points);
     level.ascend(start, counted, config, seed)
 }
 
@@ -65,8 +64,7 @@ pub fn align(
     config: &AlignmentConfig,
     seed: u64,
 ) -> Vec<(Ascended, f64)> {
-    let level =
-        Level::new(in_view(observations, starts), factor, observations.edge_band_px, config.max_points);
+    let level = Level::new(in_view(observations, starts), starts, factor, config.max_points);
     let align = |start| {
         let end = level.ascend(start, counted, config, seed);
         let samples = level.samples(&end.pose, counted);

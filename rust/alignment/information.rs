@@ -35,7 +35,7 @@ pub fn information(
     observations: &Arc<Observations>,
     pose: &Isometry3<f64>,
 ) -> BTreeMap<[u32; 3], SquareInformation> {
-    let level = Level::new(in_view(observations, &[*pose]), 1, observations.edge_band_px, usize::MAX);
+    let level = Level::new(in_view(observations, &[*pose]), &[], 1, usize::MAX);
     let samples = level.samples(pose, Counted::Visible);
     let at = level.projection(pose);
     let square_of = square_of(&level, &at);
@@ -67,7 +67,7 @@ pub fn information_gains(
     after: &[Isometry3<f64>],
 ) -> Vec<InformationGain> {
     let all: Vec<Isometry3<f64>> = after.iter().chain([before]).copied().collect();
-    let level = Level::new(in_view(observations, &all), 1, observations.edge_band_px, usize::MAX);
+    let level = Level::new(in_view(observations, &all), &[], 1, usize::MAX);
     let samples = level.samples(before, Counted::Visible);
     let total = samples.iter().map(|s| f64::from(s.weight)).sum::<f64>().max(1.0);
     let here = level.projection(before);
@@ -117,7 +117,7 @@ mod tests {
         let observations = segmented(2);
         let pose = se3::exp(&Vector6::new(0.01, 0.0, -0.01, 0.002, -0.001, 0.003));
         let squares = information(&observations, &pose);
-        let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
+        let level = Level::new(Arc::clone(&observations), &[], 1, usize::MAX);
         let joint = level.joint(&level.samples(&pose, Counted::Visible), &level.projection(&pose));
         let sum: f64 = squares.values().map(|square| square.sum).sum();
         assert_eq!(squares.keys().map(|square| square[0]).max(), Some(1));

@@ -156,7 +156,8 @@ impl<'a> JointAscent<'a> {
     fn observed(&self, factor: usize) -> Level {
         let seen = self.estimate.observed(self.observations, self.variables);
         let max_points = if factor > FINE { self.config.max_coarse_points } else { usize::MAX };
-        Level::new(in_view(&seen, &[self.estimate.pose]), factor, self.observations.edge_band_px, max_points)
+        let poses = [self.estimate.pose];
+        Level::new(in_view(&seen, &poses), &poses, factor, max_points)
     }
 
     /// Runs one round. Returns `None` where the information is constant.

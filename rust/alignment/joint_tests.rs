@@ -49,7 +49,7 @@ fn the_gradient_is_that_of_finite_differences() {
         let n = variables.count();
         let pose = se3::exp(&Vector6::new(0.01, -0.02, 0.01, 0.004, 0.003, -0.006));
         let anchor = Estimate { pose, camera: observations.camera.clone(), offset_s: 0.0 };
-        let level = Level::new(Arc::clone(&observations), 4, 0, usize::MAX);
+        let level = Level::new(Arc::clone(&observations), &[], 4, usize::MAX);
         let mut samples = level.samples(&pose, Counted::All);
         let near = Neighbourhood::new(&variables, &anchor).expect("numbers of the lens");
         let at = DVector::from_fn(n, |i, _| if i < 6 { 0.0 } else { 1e-3 * (i as f64).sin() });
@@ -129,7 +129,7 @@ fn where_nothing_changes_a_polish_neither_settles_nor_has_a_curvature() {
 
 #[test]
 fn points_amid_one_class_are_summed_up_once() {
-    let level = Level::new(scene(0.0), 1, 0, usize::MAX);
+    let level = Level::new(scene(0.0), &[], 1, usize::MAX);
     let pose = Isometry3::identity();
     let all = level.samples(&pose, Counted::All);
     let Selection { moving: left, constant } = level.select(&pose, Counted::All, 2);

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::adjusted::adjusted;
 use super::projection::Projection;
 use super::sample::{Mixed, Sample, Weights};
+use super::selection::num_in_image;
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
@@ -34,18 +35,20 @@ pub struct Level {
 
 impl Level {
     /// Creates a level with blocks of `factor` pixels, in which pixels along borders count little: see
-    /// [`ShareMap`]. At most `max_points` points are used, over all frames and directions.
+    /// [`ShareMap`]. About `max_points` points are used, over all frames, of those that project into the images at
+    /// the pose that sees the most of them.
     pub fn new(
         observations: Arc<Observations>,
+        poses: &[Isometry3<f64>],
         factor: usize,
-        edge_band_px: usize,
         max_points: usize,
     ) -> Self {
         let frames = &observations.frames;
-        let map = |frame: &Frame| frame.image.level(factor, edge_band_px);
+        let map = |frame: &Frame| frame.image.level(factor, observations.edge_band_px);
         let maps = frames.par_iter().map(map).collect();
         let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
-        let stride = stride(num_points, max_points);
+        let num_seen = || poses.par_iter().map(|pose| num_in_image(&observations, pose)).max().unwrap_or(0);
+        let stride = if num_points <= max_points { 1 } else { stride(num_seen(), max_points) };
         Self { observations, maps, factor, stride }
     }
 

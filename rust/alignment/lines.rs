@@ -44,7 +44,7 @@ pub fn information_along(
     anchor: &Isometry3<f64>,
     lines: &[Line],
 ) -> Vec<Vec<f64>> {
-    let level = Level::new(Arc::clone(observations), 1, 0, usize::MAX);
+    let level = Level::new(Arc::clone(observations), &[], 1, usize::MAX);
     let samples = level.samples(anchor, Counted::Visible);
     let none = |line: &Line| vec![level.empty_joint(); line.offsets.len()];
     let mut joints: Vec<Vec<JointHistogram>> = lines.iter().map(none).collect();
@@ -205,7 +205,7 @@ mod tests {
     fn points_inside_one_class_count_as_if_they_were_looked_up_anew() {
         let anchor = se3::exp(&Vector6::new(0.02, -0.01, 0.03, 0.004, -0.003, 0.005));
         for observations in [scene(0.2), segmented(3)] {
-            let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
+            let level = Level::new(Arc::clone(&observations), &[], 1, usize::MAX);
             let samples = level.samples(&anchor, Counted::Visible);
             let lines: Vec<Line> = (0..6)
                 .map(|axis| {

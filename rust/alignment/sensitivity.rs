@@ -64,12 +64,7 @@ pub fn sensitivity(
     variables: &Variables,
     config: &SensitivityConfig,
 ) -> Option<Sensitivity> {
-    let level = Level::new(
-        in_view(observations, &[*pose]),
-        config.factor,
-        observations.edge_band_px,
-        config.max_points,
-    );
+    let level = Level::new(in_view(observations, &[*pose]), &[*pose], config.factor, config.max_points);
     let Selection { moving: mut samples, constant } = level.select(pose, Counted::Visible, CONSTANT_RADIUS);
     level.as_shares_of_classes(&mut samples, pose);
     let anchor = Estimate { pose: *pose, camera: observations.camera.clone(), offset_s: 0.0 };
@@ -243,7 +238,7 @@ mod tests {
         let pose = near();
         let at_pose =
             sensitivity(&observations, &pose, &with_intrinsics(), &CONFIG).expect("points on labels");
-        let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
+        let level = Level::new(Arc::clone(&observations), &[], 1, usize::MAX);
         let samples = level.samples(&pose, Counted::Visible);
         let (_, gradient) =
             level.joint_and_gradient(&samples, &level.empty_joint(), &level.projection(&pose));

@@ -16,7 +16,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
 from semcal_cli.threads import thread_pool
 
-EXACT = ExactConfig(batch_size=1024, max_points=50_000)
+EXACT = ExactConfig(batch_size=1024, max_points=10_000)
 PYRAMID = PyramidConfig(coarsest_block_deg=1.0)
 """Settings of the refinements."""
 

@@ -77,8 +77,8 @@ class AlignmentConfig:
     """Length of the first steps, in blocks. It decreases along a cosine."""
     final_step: float = 0.05
     """Length of the last steps, relative to the first."""
-    max_points: int = 100_000
-    """Maximum number of points used, over all frames and directions."""
+    max_points: int = 20_000
+    """Number of points in the images that is enough, over all frames."""
     same_deg: float = 2.0
     """Hypotheses that end within this rotation of one another have found the same pose."""
 
@@ -164,8 +164,8 @@ class ExactConfig:
     """Length of the first steps, in blocks. It decreases along a cosine."""
     final_step: float = 0.05
     """Length of the last steps, relative to the first."""
-    max_points: int = 200_000
-    """Maximum number of points used, over all frames and directions."""
+    max_points: int = 40_000
+    """Number of points in the images that is enough, over all frames."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ class SensitivityConfig:
     factor: int = 1
     """Side of a block of the label images, in pixels."""
     max_points: int = 2**62
-    """Maximum number of points, over all frames."""
+    """Number of points in the images that is enough, over all frames."""
     regions_across: int = 9
     """Number of squares across an image, each with its own score."""
 
@@ -242,7 +242,7 @@ class AscentConfig:
     """Standard deviations of the priors of these variables."""
     evidence: float
     """Nats of log-likelihood per nat of mutual information."""
-    max_coarse_points: int = 200_000
+    max_coarse_points: int = 40_000
     """Maximum number of points used on blocks of more than two pixels, over all frames and directions."""
     max_rounds: int = 8
     """Maximum number of times that the visible points are chosen at each level."""

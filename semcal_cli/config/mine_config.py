@@ -28,8 +28,8 @@ class MineConfig:
     batch_size: int = setting(
         2048, "Points in a mini-batch.", minimum=1, maximum=1 << 20, option="--mine-batch"
     )
-    max_points: int = 200_000
-    """Maximum number of points used, over all frames and directions."""
+    max_points: int = 40_000
+    """Number of points in the images that is enough, over all frames."""
     constant_radius: int = 8
     """Points at least this many blocks inside one class are summed up once, because steps do not move them out of
     it."""

@@ -28,8 +28,6 @@ from semcal_cli.estimation.stage import StageResult
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
-SEGMENT_SHARE = 2
-"""Divisor of the number of points for segments, because only points near the image are used."""
 
 
 @dataclass(frozen=True)
@@ -171,8 +169,7 @@ def exact_config(observations: Observations, config: ExactConfig) -> ExactConfig
     """Adapt settings to the cue: a mini-batch has too few points of a segment, so each step takes all points."""
     if not observations.has_partitions:
         return config
-    num_points = config.max_points // SEGMENT_SHARE
-    return replace(config, batch_size=num_points, max_points=num_points)
+    return replace(config, batch_size=config.max_points)
 
 
 def refine_exactly(

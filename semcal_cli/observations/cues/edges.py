@@ -123,7 +123,7 @@ class SweepEdges(NamedTuple):
     classes: list[ClassIds]
     """Class of each point (N,) of each sweep; `NO_CLASS` without a return, and for surplus points without an edge."""
     to_steps_m: list[Values]
-    """(N, 3) vector from each point with an edge to the step, half-way to its neighbour, metres; 0 for others."""
+    """(N, 3) vector from each point with an edge to the step beside it, metres; 0 for others."""
     names: list[str]
     """Names of the classes: no edge, levels of steps in intensity, and levels of steps in range. If a point has both
     steps, that in range counts."""
