@@ -176,7 +176,7 @@ impl FrameAgreement {
         areas: &Blocks,
     ) -> Self {
         let camera = &observations.camera;
-        let (projected, hidden) = frame.points.in_image(camera, t_camera_lidar);
+        let (projected, hidden) = frame.points.in_image(camera, t_camera_lidar, &observations.origin);
         let empty = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
         let mut clusters = vec![empty; areas.count];
         let (mut num_inside, mut num_hidden) = (0, 0);

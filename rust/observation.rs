@@ -13,6 +13,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use geometry::camera::Camera;
+use nalgebra::Vector3;
 
 use crate::classes::{ClassShares, NO_CLASS};
 use crate::error::{Error, Result};
@@ -71,6 +72,8 @@ pub struct Observations {
     pub max_baseline_m: f64,
     /// Pixels closer than this to another class have low weight in every objective: see `ShareMap`.
     pub edge_band_px: usize,
+    /// Where the rays start, metres, LiDAR frame.
+    pub origin: Vector3<f64>,
     first_rows: Vec<usize>,
     /// Number of rows of the joint histogram: classes, and the segments of each frame in each of its partitions.
     pub num_rows: usize,
@@ -126,6 +129,7 @@ impl Observations {
             num_image_classes,
             max_baseline_m: f64::INFINITY,
             edge_band_px: 0,
+            origin: Vector3::zeros(),
             first_rows: Vec::new(),
             num_rows: 0,
         };

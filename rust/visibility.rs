@@ -36,6 +36,7 @@ pub struct Sweep {
 struct CachedView {
     camera: Camera,
     pose: Isometry3<f64>,
+    origin: Vector3<f64>,
     indices: Arc<Vec<u32>>,
     hidden: Arc<Vec<bool>>,
 }
@@ -57,16 +58,25 @@ impl Deref for Sweep {
 impl Sweep {
     /// The points inside the image of a camera at a pose, in their order, and whether each is occluded: see
     /// [`hidden`].
-    pub fn in_image(&self, camera: &Camera, pose: &Isometry3<f64>) -> (Vec<Projected>, Arc<Vec<bool>>) {
+    pub fn in_image(
+        &self,
+        camera: &Camera,
+        pose: &Isometry3<f64>,
+        origin: &Vector3<f64>,
+    ) -> (Vec<Projected>, Arc<Vec<bool>>) {
         let last = self.last().clone();
-        if let Some(seen) = last.filter(|seen| seen.pose == *pose && seen.camera == *camera) {
+        let is_same =
+            |seen: &CachedView| seen.pose == *pose && seen.camera == *camera && seen.origin == *origin;
+        if let Some(seen) = last.filter(is_same) {
             let indices = seen.indices.iter().map(|&index| index as usize);
             return (project_points(camera, self, indices, pose), seen.hidden);
         }
         let projected = project_points(camera, self, 0..self.len(), pose);
-        let hidden = Arc::new(hidden(camera, self, &projected));
+        let hidden = Arc::new(hidden(camera, self, origin, &projected));
         let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());
-        let seen = CachedView { camera: camera.clone(), pose: *pose, indices, hidden: Arc::clone(&hidden) };
+        let hidden_then = Arc::clone(&hidden);
+        let seen =
+            CachedView { camera: camera.clone(), pose: *pose, origin: *origin, indices, hidden: hidden_then };
         *self.last() = Some(seen);
         (projected, hidden)
     }
@@ -116,14 +126,20 @@ pub fn project_points(
 /// without a baseline nothing is occluded. This also drops some visible points next to edges; what
 /// matters is that occluded ones do not pull at the edge.
 ///
-/// `points` are all points from which `projected` was taken, metres, LiDAR frame.
-pub fn hidden(camera: &Camera, points: &[[f32; 3]], projected: &[Projected]) -> Vec<bool> {
+/// `points` are all points from which `projected` was taken, and `origin` is where their rays start, metres, LiDAR
+/// frame.
+pub fn hidden(
+    camera: &Camera,
+    points: &[[f32; 3]],
+    origin: &Vector3<f64>,
+    projected: &[Projected],
+) -> Vec<bool> {
     let area = (camera.width * camera.height) as f64;
     let spacing = (area / projected.len().max(1) as f64).sqrt().max(1.0);
     let buffer = NearestReturns::new(camera, projected, spacing);
     // Unit directions from the LiDAR and from the camera, each in its own frame.
     let directions =
-        |point: &Projected| (to_f64(&points[point.index]).normalize(), point.p_camera.normalize());
+        |point: &Projected| ((to_f64(&points[point.index]) - origin).normalize(), point.p_camera.normalize());
     let is_hidden = |far: &Projected| {
         let range2 = MAX_OCCLUDER_RANGE * MAX_OCCLUDER_RANGE * far.range2();
         if !buffer.has_nearer_around(&far.pixel, range2) {
@@ -230,7 +246,7 @@ mod tests {
         let (camera, points, t_camera_lidar) = scene(0.5);
         let projected = project_points(&camera, &points, 0..points.len(), &t_camera_lidar);
         let mut num_hidden = 0;
-        for (point, hidden) in projected.iter().zip(hidden(&camera, &points, &projected)) {
+        for (point, hidden) in projected.iter().zip(hidden(&camera, &points, &Vector3::zeros(), &projected)) {
             let (pixel, range) = (point.pixel, point.p_camera.norm());
             let behind_the_post = range > 5.0 && (pixel.x - 319.5).abs() < 17.0;
             assert!(behind_the_post || !hidden, "{pixel} at {range} m");
@@ -247,8 +263,8 @@ mod tests {
         let nearer = Isometry3::translation(-0.2, 0.0, 0.0);
         let kept = Sweep::from(points.clone());
         for (camera, pose) in [(&camera, pose), (&camera, pose), (&wider, pose), (&wider, nearer)] {
-            let (found, found_hidden) = kept.in_image(camera, &pose);
-            let (anew, anew_hidden) = Sweep::from(points.clone()).in_image(camera, &pose);
+            let (found, found_hidden) = kept.in_image(camera, &pose, &Vector3::zeros());
+            let (anew, anew_hidden) = Sweep::from(points.clone()).in_image(camera, &pose, &Vector3::zeros());
             let pixels = |points: &[Projected]| points.iter().map(|p| (p.index, p.pixel)).collect::<Vec<_>>();
             assert_eq!((pixels(&found), found_hidden), (pixels(&anew), anew_hidden));
         }

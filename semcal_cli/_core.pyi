@@ -224,6 +224,7 @@ class Observations:
         num_image_classes: int,
         max_baseline_m: float,
         edge_band_px: int,
+        origin_m: Sequence[float],
         by_classes: bool = False,
     ) -> Observations: ...
 
@@ -760,8 +761,10 @@ def information_along(
         lines: Twist (6,) on the left of the anchor, and its factors at the samples.
     """
 
-def project_points(camera: Camera, points: _Float32, t_camera_lidar: _Float64) -> Projected:
-    """Project points (N, 3), metres, LiDAR frame, and flag those that nearer ones occlude."""
+def project_points(
+    camera: Camera, points: _Float32, t_camera_lidar: _Float64, origin_m: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Projected:
+    """Project points (N, 3), metres, LiDAR frame, whose rays start at `origin_m`; flag those that nearer ones occlude."""
 
 def unroll(
     camera: Camera,

@@ -142,7 +142,7 @@ impl Level {
         // Points that do not count still occlude others.
         let mut counts = vec![false; points.len()];
         chosen().for_each(|i| counts[i] = true);
-        let (projected, hidden) = points.in_image(camera, pose);
+        let (projected, hidden) = points.in_image(camera, pose, &self.observations.origin);
         let pairs = projected.into_iter().zip(hidden.iter());
         let seen = pairs.filter(|(point, hidden)| !**hidden && counts[point.index]);
         seen.map(|(point, _)| point).collect()

@@ -67,18 +67,21 @@ pub(super) struct PyProjected {
 }
 
 #[pyfunction]
+#[pyo3(signature = (camera, points, t_camera_lidar, origin_m=[0.0; 3]))]
 pub(super) fn project_points(
     py: Python<'_>,
     camera: &PyCamera,
     points: PyReadonlyArray2<f32>,
     t_camera_lidar: Pose,
+    origin_m: [f64; 3],
 ) -> PyResult<PyProjected> {
     let points = rows("points", &points)?;
     let (mut pixels, mut ranges, mut is_hidden) =
         (vec![[f64::NAN; 2]; points.len()], vec![f64::NAN; points.len()], vec![false; points.len()]);
     detached(|| {
         let projected = visibility::project_points(&camera.0, &points, 0..points.len(), &t_camera_lidar.0);
-        for (point, hidden) in projected.iter().zip(visibility::hidden(&camera.0, &points, &projected)) {
+        let is_occluded = visibility::hidden(&camera.0, &points, &origin_m.into(), &projected);
+        for (point, hidden) in projected.iter().zip(is_occluded) {
             pixels[point.index] = point.pixel.into();
             ranges[point.index] = point.p_camera.norm();
             is_hidden[point.index] = hidden;

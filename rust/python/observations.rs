@@ -76,7 +76,7 @@ pub(super) struct PyObservations(pub(super) Arc<Observations>);
 #[pymethods]
 impl PyObservations {
     #[new]
-    #[pyo3(signature = (camera, frames, num_point_classes, num_image_classes, max_baseline_m, edge_band_px, by_classes=false))]
+    #[pyo3(signature = (camera, frames, num_point_classes, num_image_classes, max_baseline_m, edge_band_px, origin_m, by_classes=false))]
     fn new(
         camera: &PyCamera,
         frames: Vec<(PyRef<'_, PyLabelledCloud>, PyRef<'_, PyLabelledImage>, f32, u32)>,
@@ -84,6 +84,7 @@ impl PyObservations {
         num_image_classes: usize,
         max_baseline_m: f64,
         edge_band_px: usize,
+        origin_m: [f64; 3],
         by_classes: bool,
     ) -> PyResult<Self> {
         let frame = |(cloud, image, weight, scene): &(PyRef<'_, _>, PyRef<'_, _>, f32, u32)| {
@@ -94,6 +95,7 @@ impl PyObservations {
             Observations::new(camera.0.clone(), frames, num_point_classes, num_image_classes)?;
         observations.max_baseline_m = max_baseline_m;
         observations.edge_band_px = edge_band_px;
+        observations.origin = origin_m.into();
         Ok(Self(Arc::new(observations)))
     }
 }
