@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 from typing_extensions import Unpack
@@ -60,25 +60,63 @@ TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 """Offset of two clocks, in seconds. Sweeps and images that are farther apart are not pairs."""
 
 
-class Lidar(StrictModel):
-    """The scan pattern of a spinning LiDAR."""
+class Spin(StrictModel):
+    """How a LiDAR turns about its z axis: the azimuth of a point tells when it was measured."""
 
-    channels: Annotated[int, Field(ge=2, le=4096)]
+    rate_hz: Annotated[float, Field(ge=1.0, le=100.0)]
+    """Turns per second."""
+    clockwise: bool
+    """Whether it turns clockwise as seen from above, where z points at the viewer."""
+    seam_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    """Azimuth at which each sweep begins and ends, in degrees, counter-clockwise from the x axis."""
+    stamp: Literal["start", "middle", "end"] = "middle"
+    """Moment of a sweep that `points_stamp` states. In the middle, the LiDAR faces away from the seam."""
+
+
+class ScanPattern(NamedTuple):
+    """Where the beams of a spinning LiDAR point."""
+
+    channels: int
+    columns: int
+    fov_up_deg: float
+    fov_down_deg: float
+
+
+class Lidar(StrictModel):
+    """The scan pattern of a spinning LiDAR, how it turns, or both."""
+
+    channels: Annotated[int, Field(ge=2, le=4096)] | None = None
     """Number of beams, which is the number of rows of the range image."""
-    columns: Annotated[int, Field(ge=4, le=0xFFFF)]
+    columns: Annotated[int, Field(ge=4, le=0xFFFF)] | None = None
     """Number of firings per turn."""
-    fov_up_deg: ElevationDeg
+    fov_up_deg: ElevationDeg | None = None
     """Elevation of the highest beam, in degrees."""
-    fov_down_deg: ElevationDeg
+    fov_down_deg: ElevationDeg | None = None
     """Elevation of the lowest beam, in degrees, negative below the horizon."""
+    spin: Spin | None = None
+    """How the LiDAR turns, which gives the times of points whose files have none."""
 
     @field_validator("fov_down_deg")
     @classmethod
-    def _check_order(cls, fov_down_deg: float, info: ValidationInfo) -> float:
-        fov_up_deg = info.data.get("fov_up_deg", 90.0)
-        if fov_down_deg >= fov_up_deg:
+    def _check_order(cls, fov_down_deg: float | None, info: ValidationInfo) -> float | None:
+        fov_up_deg = info.data.get("fov_up_deg")
+        if fov_down_deg is not None and fov_up_deg is not None and fov_down_deg >= fov_up_deg:
             raise mismatch(fov_down_deg, f"less than fov_up_deg, {fov_up_deg}")
         return fov_down_deg
+
+    @model_validator(mode="after")
+    def _check_pattern(self) -> Lidar:
+        found = [key for key in ScanPattern._fields if getattr(self, key) is not None]
+        if self.pattern is None and (found or self.spin is None):
+            needed = f"{', '.join(ScanPattern._fields)} together{'' if self.spin else ', or spin'}"
+            raise mismatch(" and ".join(found) or "nothing", needed)
+        return self
+
+    @property
+    def pattern(self) -> ScanPattern | None:
+        """The scan pattern; None if only the spin is stated."""
+        values = self.channels, self.columns, self.fov_up_deg, self.fov_down_deg
+        return None if None in values else ScanPattern(*values)  # type: ignore[arg-type]
 
 
 class Frame(StrictModel):
@@ -184,7 +222,7 @@ class Drive(StrictModel):
     camera: Camera
     """Camera of the drive. Its intrinsics are assumed to be right unless they are estimated together with the pose."""
     lidar: Lidar | None = None
-    """Scan pattern of the LiDAR. If absent, it is estimated from the points."""
+    """Scan pattern of the LiDAR, estimated from the points if absent, and how the LiDAR turns."""
     frames: Annotated[tuple[Frame, ...], length(1)]
     """Frames of one rig."""
     ignore: Ignore = Ignore()

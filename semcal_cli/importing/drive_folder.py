@@ -24,6 +24,7 @@ from semcal_cli.importing.choice import Options, keep_labelled, narrow, relabel,
 from semcal_cli.importing.dataset_tree import need_file, writable_name
 from semcal_cli.importing.ontologies import Ontology
 from semcal_cli.importing.recording import Conversion, Recording, SourceFrame
+from semcal_cli.importing.sweep_odometry import tum_text
 
 UNWRITTEN = Path("the drive to be written")
 """File name for errors that no single file of the data set causes."""
@@ -84,6 +85,8 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
         document = _document(replace(recording, frames=frames), path)
         drive = validate(Drive, document, UNWRITTEN)
         drive._path = path
+        if recording.poses is not None:
+            write(tum_text(recording.poses).encode(), path.parent / _poses_file(path))
         write(document_text(document, "yaml").encode(), path)
     remarks = [*recording.remarks]
     if left_out := len(chosen) - len(frames):
@@ -122,17 +125,27 @@ def _identifying_file(frame: SourceFrame) -> Path | None:
 
 def _document(recording: Recording, path: Path) -> dict[str, Any]:
     """Make the content of a drive.yaml at `path`."""
-    lidar, motion, T_camera_lidar = recording.lidar, recording.motion, _reference(recording)
+    lidar, T_camera_lidar, sigma_s = recording.lidar, _reference(recording), recording.time_offset_sigma_s
+    motion = None if recording.motion is None else dict(recording.motion)
+    if recording.poses is not None:
+        motion = {"poses": _poses_file(path)} | (motion or {})
     return {
         "semcal_drive": 1,
         "camera": dict(recording.camera),
         **({} if lidar is None else {"lidar": dict(lidar)}),
         "frames": [_frame_document(frame, path.parent) for frame in recording.frames],
         **_class_blocks(recording),
-        **({} if motion is None else {"motion": dict(motion)}),
+        **({} if motion is None else {"motion": motion}),
         **({} if recording.synchronization == "unknown" else {"synchronization": recording.synchronization}),
+        **({} if recording.time_offset_s == 0.0 else {"time_offset_s": recording.time_offset_s}),
+        **({} if sigma_s is None else {"time_offset_sigma_s": sigma_s}),
         **({} if T_camera_lidar is None else {"T_camera_lidar": T_camera_lidar.tolist()}),
     }
+
+
+def _poses_file(path: Path) -> str:
+    """Name the file of the poses, relative to the drive; it belongs to this drive alone."""
+    return f"poses/{path.stem}.txt"
 
 
 def _frame_document(frame: SourceFrame, folder: Path) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Matrix, Numbers, Points, Pose, Vector, Vectors
 from semcal_cli.geometry.poses import orthonormal, quaternion_xyzw
 from semcal_cli.observations.motion import MAX_SWEEP_S, displacement
+from semcal_cli.observations.spin import spin_times
 
 NS = 1_000_000_000
 RANGES_M = 1.5, 100.0
@@ -274,7 +275,8 @@ class DriveMotion(NamedTuple):
 def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     """Estimate the motion of the LiDAR in a drive of consecutive sweeps. One sweep is in memory at a time.
 
-    Sweeps whose points have no times are assumed to be deskewed to their stamp.
+    Sweeps whose points have no times, neither their own nor by the LiDAR's spin, are assumed to be deskewed to their
+    stamp.
 
     Raises:
         InputError: a frame has no stamp, a file cannot be read, or the sweeps are not consecutive.
@@ -291,7 +293,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     for number, (name, stamp_s) in enumerate(ordered, start=1):
         on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
         (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points)
-        times_s = cloud.time
+        times_s = spin_times(drive.lidar, cloud) if cloud.time is None else cloud.time
         if times_s is not None and np.nanmin(np.abs(times_s)) > MAX_SWEEP_S:
             is_absolute, times_s = True, times_s - stamp_s
         odometry.add(cloud.points, times_s, round(stamp_s * NS))

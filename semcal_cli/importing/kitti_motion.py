@@ -1,0 +1,146 @@
+"""Motion of the LiDAR in KITTI raw and KITTI-360, whose sweeps are skewed and whose points have no times.
+
+An oxts packet of KITTI raw is the state of the inertial unit that is nearest in time to the frame (dataformat.txt):
+velocities `vf vl vu` forward, left and up along a level road, and rates `wx wy wz` about the unit's own axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from semcal_cli import core
+from semcal_cli.errors import InputError, counted
+from semcal_cli.files.input_files import read_text
+from semcal_cli.formats.kitti_files import raw_pose, read_keyed
+from semcal_cli.formats.node import parse_numbers
+from semcal_cli.geometry.arrays import Pose, TwistVector
+from semcal_cli.geometry.twists import rotation_matrix
+from semcal_cli.importing.dataset_tree import KITTI_PERIOD_S
+from semcal_cli.importing.recording import Recording, SourceFrame
+from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, NS, SIGMA, are_covered
+from semcal_cli.observations.motion import displacement
+
+SPIN = {"rate_hz": 1.0 / KITTI_PERIOD_S, "clockwise": True, "seam_deg": 180.0}
+"""Spin of the HDL-64E of KITTI and KITTI-360. The stamp is the time at which it faces forward, as KITTI's readme says:
+the middle of a sweep whose seam is behind."""
+MOMENT_S = 0.0037
+"""How long after it faces forward the LiDAR's trigger makes the cameras expose: 3.7 +- 1.5 ms on KITTI raw, by the pose
+that KITTI publishes (`tests/benchmarks/spin.py`)."""
+MOMENT_SIGMA_S = 0.0015
+MOMENT_360_SIGMA_S = 0.003
+"""Standard deviation on KITTI-360, another car with the same sensors, where 5 ms fit best."""
+T_LIDAR_IMU: Pose = np.array(
+    [
+        [0.9999976, 7.553071e-4, -2.035826e-3, -0.8086759],
+        [-7.854027e-4, 0.9998898, -1.482298e-2, 0.3195559],
+        [2.024406e-3, 1.482454e-2, 0.9998881, -0.7997231],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+)
+"""calib_imu_to_velo.txt of 2011-09-26. KITTI's car is the same on all days."""
+NUM_VALUES = 20
+"""Number of values of a packet up to `wz`; there are 30."""
+HALF_SWEEP_NS = round(0.55 * KITTI_PERIOD_S * NS)
+"""Time around a stamp in which poses are needed: half a turn, and some more for the image."""
+
+
+def read_packet(packet: Path) -> TwistVector:
+    """Read the motion of the inertial unit from a packet: its twist (6,) in its own frame, m/s and rad/s.
+
+    Raises:
+        InputError: a value is missing or is no number.
+    """
+    words = read_text(packet).split()
+    if len(words) < NUM_VALUES:
+        raise InputError(f"{packet}: found {counted(len(words), 'value')}, needed at least {NUM_VALUES}")
+    values = parse_numbers(packet, "its values", " ".join(words[:NUM_VALUES]), NUM_VALUES)
+    roll, pitch = values[3], values[4]
+    R_level_imu = rotation_matrix(np.array([0.0, pitch, 0.0])) @ rotation_matrix(np.array([roll, 0.0, 0.0]))
+    return np.concatenate([R_level_imu.T @ values[8:11], values[17:20]])
+
+
+def imu_in_lidar(day: Path) -> tuple[Pose, tuple[str, ...]]:
+    """Read T_lidar_imu (4, 4) from the calibration of a day, with a remark if it is another day's."""
+    file = day / "calib_imu_to_velo.txt"
+    if file.exists():
+        return raw_pose(read_keyed(file), None, None), ()
+    return T_LIDAR_IMU, (f"found no {file.name} in {day}: that of 2011-09-26 is used for the motion",)
+
+
+def poses_along(stamps_s: Sequence[float], twists_per_s: Sequence[TwistVector]) -> dict[int, Pose]:
+    """Follow a motion that is known at some times; it goes on for a period before and after each stretch.
+
+    Args:
+        stamps_s: Times, ascending. After more than half a second without one, a new stretch begins.
+        twists_per_s: The twist (6,) at each of them, metres and radians per second in the LiDAR frame.
+
+    Returns:
+        Poses (4, 4) of the LiDAR by their times in nanoseconds, ascending. Those of two stretches have nothing to do
+        with one another.
+    """
+    stamps_ns = [round(stamp_s * NS) for stamp_s in stamps_s]
+    period_ns = round(KITTI_PERIOD_S * NS)
+    poses: dict[int, Pose] = {}
+    for index, (stamp_ns, twist) in enumerate(zip(stamps_ns, twists_per_s, strict=True)):
+        gap_ns = stamp_ns - stamps_ns[index - 1] if index else MAX_GAP_NS + 1
+        if gap_ns > MAX_GAP_NS:
+            poses[stamp_ns - period_ns] = _moved(np.eye(4), twist, -period_ns)
+            poses[stamp_ns] = np.eye(4)
+        else:
+            mean = 0.5 * (twists_per_s[index - 1] + twist)
+            poses[stamp_ns] = _moved(poses[stamps_ns[index - 1]], mean, gap_ns)
+        if index + 1 == len(stamps_ns) or stamps_ns[index + 1] - stamp_ns > MAX_GAP_NS:
+            poses[stamp_ns + period_ns] = _moved(poses[stamp_ns], twist, period_ns)
+    return poses
+
+
+def _moved(T: Pose, twist_per_s: TwistVector, step_ns: int) -> Pose:
+    motion = core.Trajectory.constant(twist_per_s.tolist(), 0.0)
+    moved: Pose = T @ displacement(motion, 0.0, step_ns / NS)
+    return moved
+
+
+def with_motion(
+    recording: Recording, poses: Mapping[int, Pose], source: str, moment_sigma_s: float
+) -> Recording:
+    """Add the motion to a recording: spin, poses and the moment of its images. Frames without poses are left out.
+
+    Args:
+        recording: Frames with the stamps of their sweeps.
+        poses: Poses (4, 4) of the LiDAR, by their times in nanoseconds.
+        source: Where they come from.
+        moment_sigma_s: Standard deviation of the moment of the images, seconds.
+
+    Returns:
+        The recording; without its motion, and with a remark, if most frames have no poses around them.
+    """
+    stamps = sorted(poses)
+    frames = [frame for frame in recording.frames if _is_covered(frame, stamps)]
+    if 2 * len(frames) < len(recording.frames):
+        remark = f"{source} gives no poses around most frames: no motion is written, and sweeps stay skewed"
+        return replace(recording, remarks=(*recording.remarks, remark))
+    left_out = len(recording.frames) - len(frames)
+    remarks = [f"sweeps are deskewed by the spin of the LiDAR and the motion in {source}"]
+    if left_out:
+        remarks.append(f"left out {counted(left_out, 'frame')} without poses around them")
+    return replace(
+        recording,
+        # The trigger ties the images to the sweeps; their own stamps are those of the computer that received them.
+        frames=[replace(frame, image_stamp=frame.points_stamp) for frame in frames],
+        poses={stamp: poses[stamp] for stamp in stamps},
+        motion={"sigma": SIGMA},
+        time_offset_s=MOMENT_S,
+        time_offset_sigma_s=moment_sigma_s,
+        remarks=(*recording.remarks, *remarks),
+    )
+
+
+def _is_covered(frame: SourceFrame, stamps: Sequence[int]) -> bool:
+    if frame.points_stamp is None:
+        return False
+    stamp_ns = round(frame.points_stamp * NS)
+    return are_covered(stamps, (stamp_ns - HALF_SWEEP_NS, stamp_ns + HALF_SWEEP_NS))
