@@ -17,7 +17,7 @@ from semcal_cli.checks.identical_files import find_identical_files
 from semcal_cli.checks.image_sizes import check_image_sizes
 from semcal_cli.checks.implausible_intrinsics import implausible_intrinsics
 from semcal_cli.checks.mirrored_clouds import check_mirroring
-from semcal_cli.checks.motion_report import report_motion
+from semcal_cli.checks.motion_report import check_seam, report_motion
 from semcal_cli.checks.narrow_view import check_view
 from semcal_cli.checks.scale import check_range, check_scale, judge_scale
 from semcal_cli.checks.shifted_labels import check_label_alignment
@@ -152,6 +152,7 @@ def inspect(drive: Drive) -> DriveReport:
         advice=(
             *_sentences(check_frame_count(len(readable), num_scenes, field_of_view[0])),
             *motion.advice,
+            *_sentences(check_seam(drive, clouds)),
         ),
     )
 

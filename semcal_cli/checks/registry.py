@@ -104,6 +104,7 @@ ALL_CHECKS: tuple[Check, ...] = (
     motion_report.UNCOVERED_IMAGES,
     motion_report.NO_MOTION,
     motion_report.SAME_MOTION,
+    motion_report.SEAM,
     sweep_motion.SWEEP_MOTION,
     sweep_motion.OPEN_SHUTTER,
     mirrored_clouds.MIRRORED_CLOUDS,

@@ -57,8 +57,8 @@ SPINNING = LIDAR | {"spin": SPIN}
 SYNCHRONIZATION: Synchronization = "hardware"
 """The Velodyne triggers the cameras when it faces forward (Geiger et al., *Vision meets Robotics*, IJRR 2013)."""
 IMAGES = (".png", ".jpg")
-DRIVE_S = 1e4
-"""Time from one drive without timestamps to the next, seconds; longer than any drive."""
+BETWEEN_DRIVES_S = 10.0
+"""Time from the end of a drive without timestamps to the start of the next one, whatever it was."""
 MISSING = "{}: found no frame with a sweep in velodyne and an image in {}"
 
 
@@ -172,8 +172,9 @@ def read_raw(request: Request) -> Recording:
     cameras = [name for name in folders(chosen[0]) if name.startswith("image_")]
     camera = pick("camera", request.camera, cameras, chosen[0], default="image_02")
     frames, twists_imu = list[SourceFrame](), list[tuple[float, TwistVector]]()
-    for place, folder in enumerate(chosen):
-        of_drive, of_imu = _raw_frames(folder, camera, place * DRIVE_S)
+    for folder in chosen:
+        end_s = frames[-1].points_stamp if frames else None
+        of_drive, of_imu = _raw_frames(folder, camera, 0.0 if end_s is None else end_s + BETWEEN_DRIVES_S)
         frames += of_drive
         twists_imu += of_imu
     velo, lines = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
@@ -198,7 +199,7 @@ def _raw_frames(
 ) -> tuple[list[SourceFrame], list[tuple[float, TwistVector]]]:
     """Find the frames of a drive, and the stamps and twists of its inertial unit at its sweeps.
 
-    Without timestamps, the frame with number 0 is at `start_s`.
+    Without timestamps, the first sweep is at `start_s`.
     """
     clouds = numbered_files(folder / "velodyne_points/data", ".bin")
     files = files_by_stem(folder / "oxts/data", ".txt", is_needed=False)
@@ -206,7 +207,8 @@ def _raw_frames(
     recorded = read_stamps(folder / "velodyne_points/timestamps.txt")
     stamps = {name: recorded[int(name)] for name in clouds if int(name) in recorded}
     if twists and not recorded:
-        stamps = {name: round(start_s + KITTI_PERIOD_S * int(name), 9) for name in clouds}
+        first = int(next(iter(clouds), 0))
+        stamps = {name: round(start_s + KITTI_PERIOD_S * (int(name) - first), 9) for name in clouds}
     frames = join_frames(
         clouds,
         image=files_by_stem(folder / camera / "data", *IMAGES),

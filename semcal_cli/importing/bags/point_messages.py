@@ -17,9 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.drive.document import Spin
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
 from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, NS, VELODYNE, Message, MessageError
+from semcal_cli.observations.spin import azimuth_times
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
@@ -60,7 +62,8 @@ class Sweep(NamedTuple):
     times: PointTimes
     """Times of its points."""
     seconds: Numbers | None = None
-    """(height, width) times of its points after the stamp; None without times on the clock of the header."""
+    """(height, width) times of its points after the stamp; None without times on the clock of the header. Those by the
+    spin of the LiDAR are in no field."""
 
     @property
     def points(self) -> Points:
@@ -89,12 +92,13 @@ class Sweep(NamedTuple):
         return text.encode() + b"\n" + self.records.tobytes()
 
 
-def read_sweep(message: Message, stamp_ns: int) -> Sweep:
+def read_sweep(message: Message, stamp_ns: int, spin: Spin | None = None) -> Sweep:
     """Read a PointCloud2, a Livox CustomMsg or a VelodyneScan.
 
     Args:
         message: The message.
         stamp_ns: Time of the sweep, which its points' times refer to.
+        spin: How the LiDAR turns, which gives the times of points that have none.
 
     Raises:
         MessageError: the message is damaged, contradicts itself or has no point with a range.
@@ -111,7 +115,11 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
     has_range = _has_range(records)
     if not has_range.any():
         raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
-    return _with_readable_times(records, has_range, stamp_ns)
+    sweep = _with_readable_times(records, has_range, stamp_ns)
+    if spin is None or sweep.times != PointTimes():
+        return sweep
+    seconds = azimuth_times(spin, sweep.points).reshape(records.shape)
+    return sweep._replace(times=PointTimes("relative", _ends(seconds[has_range])), seconds=seconds)
 
 
 def _count(field: np.dtype[Any]) -> int:
