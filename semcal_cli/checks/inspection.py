@@ -17,9 +17,10 @@ from semcal_cli.checks.identical_files import find_identical_files
 from semcal_cli.checks.image_sizes import check_image_sizes
 from semcal_cli.checks.implausible_intrinsics import implausible_intrinsics
 from semcal_cli.checks.mirrored_clouds import check_mirroring
-from semcal_cli.checks.motion_report import check_seam, report_motion
+from semcal_cli.checks.motion_report import report_motion
 from semcal_cli.checks.narrow_view import check_view
 from semcal_cli.checks.scale import check_range, check_scale, judge_scale
+from semcal_cli.checks.seam import check_seam
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.stamp_gap import check_gap
 from semcal_cli.checks.sweep_motion import check_readout, check_sweep_motion, has_direction

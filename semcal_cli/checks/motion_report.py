@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from semcal_cli.drive.document import Drive, Motion
 from semcal_cli.errors import InputError, counted
-from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.findings.check import Check, Limit
 from semcal_cli.findings.entry import Entry, PageSection
-from semcal_cli.findings.finding import Finding
 from semcal_cli.observations.motion import read_trajectory
-from semcal_cli.observations.spin import seam_of
 
 NO_MOTION = Check(
     topic="no-motion",
@@ -83,31 +79,6 @@ UNCOVERED_IMAGES = Check(
     ),
 )
 
-SEAM = Check(
-    topic="seam",
-    advice="if nothing has deskewed the sweeps, give lidar.spin, by which `motion` deskews them",
-    entry=Entry(
-        title="Sweeps begin at a seam, and their points have no times",
-        section=PageSection.INSPECTION,
-        quotes=(
-            (
-                "the points have no times, but are in the order of one turn, clockwise from 90 degrees: if nothing "
-                "has deskewed the sweeps, give lidar.spin, by which `motion` deskews them"
-            ),
-        ),
-        meaning=(
-            "The first and the last points of a sweep look the same way, but a whole turn lies between them. A rig "
-            "that moves meanwhile smears the sweep."
-        ),
-        cause="The file lists the points as they were measured, and the recorder left out their times.",
-        remedy=(
-            "State `lidar: {spin: {rate_hz: 10, clockwise: true, seam_deg: 90}}` with the rate of the LiDAR and the "
-            "seam that the sentence names, and [`motion:`](drive.md#a-lidar-that-moves-while-it-turns). If the sweeps "
-            "are deskewed, `motion: {point_times: deskewed}` says so."
-        ),
-    ),
-)
-
 
 class MotionReport(NamedTuple):
     """The motion of a drive at the moments of its images."""
@@ -160,22 +131,6 @@ def report_motion(drive: Drive) -> MotionReport:
     return report._replace(
         speeds_m_s=(low, high), fastest_turn_deg_s=turn_deg_s, suspicions=suspicions, advice=advice
     )
-
-
-def check_seam(drive: Drive, clouds: Sequence[SweepCloud]) -> tuple[Finding, ...]:
-    """Check that sweeps whose points are in the order of one turn have times, a stated spin, or need none."""
-    motion = drive.motion
-    needs_none = motion is not None and (motion.point_times == "deskewed" or motion.speed_m_s == 0.0)
-    is_stated = drive.lidar is not None and drive.lidar.spin is not None
-    if needs_none or is_stated or any(cloud.time is not None for cloud in clouds):
-        return ()
-    seams = [seam_of(cloud.points) for cloud in clouds]
-    if not seams or seams[0] is None or None in seams:
-        return ()
-    is_clockwise, seam_deg = seams[0]
-    side = "clockwise" if is_clockwise else "counter-clockwise"
-    order = f"in the order of one turn, {side} from {seam_deg:.0f} degrees"
-    return (SEAM.finding(f"the points have no times, but are {order}"),)
 
 
 def _twists(drive: Drive, motion: Motion) -> tuple[np.ndarray, list[str]]:

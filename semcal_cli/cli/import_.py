@@ -54,7 +54,7 @@ class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, Any]:
         """Parse the spin."""
-        from semcal_cli.drive.document import Spin
+        from semcal_cli.drive.lidar import Spin
 
         if isinstance(value, dict):
             return value
@@ -278,7 +278,7 @@ def bag(settings: BagSettings) -> None:
     if settings.is_list:
         _list(settings.paths)
         return
-    from semcal_cli.drive.document import Spin
+    from semcal_cli.drive.lidar import Spin
     from semcal_cli.importing.bags.bag_import import import_bag
     from semcal_cli.importing.bags.topics import BagRequest
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 from typing_extensions import Unpack
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
+from semcal_cli.drive.lidar import Lidar
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import InputError, MisplacedError, mismatch
 from semcal_cli.files.documents import read_document
@@ -47,7 +48,6 @@ Id = Annotated[int, Field(ge=0, le=0xFFFF)]
 Ids = Annotated[tuple[Id, ...], length(0)]
 ColorValue = Annotated[int, Field(ge=0, le=255)]
 Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
-ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
 """Time in seconds. The limits exclude nanoseconds since 1970."""
@@ -58,65 +58,6 @@ DEFAULT_CLOCK_SIGMA_S = 0.02
 MAX_OFFSET_S = 1.0
 TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 """Offset of two clocks, in seconds. Sweeps and images that are farther apart are not pairs."""
-
-
-class Spin(StrictModel):
-    """How a LiDAR turns about its z axis: the azimuth of a point tells when it was measured."""
-
-    rate_hz: Annotated[float, Field(ge=1.0, le=100.0)]
-    """Turns per second."""
-    clockwise: bool
-    """Whether it turns clockwise as seen from above, where z points at the viewer."""
-    seam_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
-    """Azimuth at which each sweep begins and ends, in degrees, counter-clockwise from the x axis."""
-    stamp: Literal["start", "middle", "end"] = "middle"
-    """Moment of a sweep that `points_stamp` states. In the middle, the LiDAR faces away from the seam."""
-
-
-class ScanPattern(NamedTuple):
-    """Where the beams of a spinning LiDAR point."""
-
-    channels: int
-    columns: int
-    fov_up_deg: float
-    fov_down_deg: float
-
-
-class Lidar(StrictModel):
-    """The scan pattern of a spinning LiDAR, how it turns, or both."""
-
-    channels: Annotated[int, Field(ge=2, le=4096)] | None = None
-    """Number of beams, which is the number of rows of the range image."""
-    columns: Annotated[int, Field(ge=4, le=0xFFFF)] | None = None
-    """Number of firings per turn."""
-    fov_up_deg: ElevationDeg | None = None
-    """Elevation of the highest beam, in degrees."""
-    fov_down_deg: ElevationDeg | None = None
-    """Elevation of the lowest beam, in degrees, negative below the horizon."""
-    spin: Spin | None = None
-    """How the LiDAR turns, which gives the times of points whose files have none."""
-
-    @field_validator("fov_down_deg")
-    @classmethod
-    def _check_order(cls, fov_down_deg: float | None, info: ValidationInfo) -> float | None:
-        fov_up_deg = info.data.get("fov_up_deg")
-        if fov_down_deg is not None and fov_up_deg is not None and fov_down_deg >= fov_up_deg:
-            raise mismatch(fov_down_deg, f"less than fov_up_deg, {fov_up_deg}")
-        return fov_down_deg
-
-    @model_validator(mode="after")
-    def _check_pattern(self) -> Lidar:
-        found = [key for key in ScanPattern._fields if getattr(self, key) is not None]
-        if self.pattern is None and (found or self.spin is None):
-            needed = f"{', '.join(ScanPattern._fields)} together{'' if self.spin else ', or spin'}"
-            raise mismatch(" and ".join(found) or "nothing", needed)
-        return self
-
-    @property
-    def pattern(self) -> ScanPattern | None:
-        """The scan pattern; None if only the spin is stated."""
-        values = self.channels, self.columns, self.fov_up_deg, self.fov_down_deg
-        return None if None in values else ScanPattern(*values)  # type: ignore[arg-type]
 
 
 class Frame(StrictModel):

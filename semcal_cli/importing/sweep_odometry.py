@@ -22,7 +22,6 @@ from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Matrix, Numbers, Points, Pose, Vector, Vectors
 from semcal_cli.geometry.poses import orthonormal, quaternion_xyzw
 from semcal_cli.observations.motion import MAX_SWEEP_S, displacement
-from semcal_cli.observations.spin import spin_times
 
 NS = 1_000_000_000
 RANGES_M = 1.5, 100.0
@@ -293,7 +292,8 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     for number, (name, stamp_s) in enumerate(ordered, start=1):
         on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
         (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points)
-        times_s = spin_times(drive.lidar, cloud) if cloud.time is None else cloud.time
+        spun = drive.lidar and drive.lidar.times_of(cloud)
+        times_s = cloud.time if spun is None else spun
         if times_s is not None and np.nanmin(np.abs(times_s)) > MAX_SWEEP_S:
             is_absolute, times_s = True, times_s - stamp_s
         odometry.add(cloud.points, times_s, round(stamp_s * NS))

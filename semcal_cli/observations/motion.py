@@ -23,7 +23,6 @@ from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.arrays import Array, Numbers, Pose
 from semcal_cli.geometry.poses import orthonormal, pose_from_quaternion
 from semcal_cli.observations.observations import LabelledCloud, Observations
-from semcal_cli.observations.spin import spin_times
 
 MAX_SWEEP_S = 1.0
 """Largest time between a point and its sweep's stamp; larger ones mean different clocks or units."""
@@ -149,7 +148,7 @@ def motion_error_px(drive: Drive, clouds: Sequence[SweepCloud]) -> float | None:
         return None
     shifts_px = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
-        spun = spin_times(drive.lidar, cloud)
+        spun = drive.lidar and drive.lidar.times_of(cloud)
         times = cloud.time if spun is None else spun
         if times is None or not MIN_SWEEP_S <= np.ptp(times) <= MAX_SWEEP_S:
             continue
@@ -178,7 +177,7 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> tup
         raise InputError(
             f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed a time for the motion"
         )
-    spun = spin_times(drive.lidar, cloud)
+    spun = drive.lidar and drive.lidar.times_of(cloud)
     if motion.point_times == "deskewed" or (cloud.time is None and spun is None):
         return np.full(len(cloud.points), frame.points_stamp), True
     if spun is not None:

@@ -17,11 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.drive.document import Spin
+from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
 from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, NS, VELODYNE, Message, MessageError
-from semcal_cli.observations.spin import azimuth_times
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
@@ -118,7 +117,7 @@ def read_sweep(message: Message, stamp_ns: int, spin: Spin | None = None) -> Swe
     sweep = _with_readable_times(records, has_range, stamp_ns)
     if spin is None or sweep.times != PointTimes():
         return sweep
-    seconds = azimuth_times(spin, sweep.points).reshape(records.shape)
+    seconds = spin.times(sweep.points).reshape(records.shape)
     return sweep._replace(times=PointTimes("relative", _ends(seconds[has_range])), seconds=seconds)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from semcal_cli.drive.document import Spin
+from semcal_cli.drive.lidar import Spin
 from semcal_cli.events import Listener, Progress
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import image_file

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.drive.document import Spin
+from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import InputError, check_installed, listed
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.messages import (
