@@ -16,7 +16,7 @@ from semcal_cli import core
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.input_files import read_text
 from semcal_cli.formats.kitti_files import raw_pose, read_keyed
-from semcal_cli.formats.node import parse_numbers
+from semcal_cli.formats.node import number, parse_number
 from semcal_cli.geometry.arrays import Pose, TwistVector
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.importing.dataset_tree import KITTI_PERIOD_S
@@ -42,8 +42,11 @@ T_LIDAR_IMU: Pose = np.array(
     ]
 )
 """calib_imu_to_velo.txt of 2011-09-26. KITTI's car is the same on all days."""
-NUM_VALUES = 20
-"""Number of values of a packet up to `wz`; there are 30."""
+USED = (3, 4, 8, 9, 10, 17, 18, 19)
+"""Places of `roll`, `pitch`, `vf`, `vl`, `vu`, `wx`, `wy` and `wz` among the 30 values of a packet."""
+NUM_VALUES = USED[-1] + 1
+MAX_RATE = 1e3
+"""Largest velocity and rate, as in a drive."""
 HALF_SWEEP_NS = round(0.55 * KITTI_PERIOD_S * NS)
 """Time around a stamp in which poses are needed: half a turn, and some more for the image."""
 
@@ -57,10 +60,13 @@ def read_packet(packet: Path) -> TwistVector:
     words = read_text(packet).split()
     if len(words) < NUM_VALUES:
         raise InputError(f"{packet}: found {counted(len(words), 'value')}, needed at least {NUM_VALUES}")
-    values = parse_numbers(packet, "its values", " ".join(words[:NUM_VALUES]), NUM_VALUES)
-    roll, pitch = values[3], values[4]
+    value = np.zeros(NUM_VALUES)
+    for index in USED:
+        where = f"{packet}: value {index + 1}"
+        value[index] = number(where, parse_number(where, words[index]), -MAX_RATE, MAX_RATE)
+    roll, pitch = value[3:5]
     R_level_imu = rotation_matrix(np.array([0.0, pitch, 0.0])) @ rotation_matrix(np.array([roll, 0.0, 0.0]))
-    return np.concatenate([R_level_imu.T @ values[8:11], values[17:20]])
+    return np.concatenate([R_level_imu.T @ value[8:11], value[17:20]])
 
 
 def imu_in_lidar(day: Path) -> tuple[Pose, tuple[str, ...]]:
