@@ -45,6 +45,7 @@ from semcal_cli.importing.kitti_motion import (
     imu_in_lidar,
     poses_along,
     read_packet,
+    triggered,
     with_motion,
 )
 from semcal_cli.importing.ontologies import read_ontology
@@ -186,12 +187,13 @@ def read_raw(request: Request) -> Recording:
         T_camera_lidar=raw_pose(velo, lines, camera),
         synchronization=SYNCHRONIZATION,
     )
+    recording = triggered(recording, MOMENT_SIGMA_S)
     if not twists_imu:
         return recording
     T_lidar_imu, remarks = imu_in_lidar(day)
     stamps_s, twists = zip(*twists_imu, strict=True)
     poses = poses_along(stamps_s, [adjoint(T_lidar_imu) @ twist for twist in twists])
-    return with_motion(replace(recording, remarks=remarks), poses, "oxts", MOMENT_SIGMA_S)
+    return with_motion(replace(recording, remarks=remarks), poses, "oxts")
 
 
 def _raw_frames(
@@ -206,7 +208,7 @@ def _raw_frames(
     twists = {name: read_packet(files[name]) for name in clouds if name in files}
     recorded = read_stamps(folder / "velodyne_points/timestamps.txt")
     stamps = {name: recorded[int(name)] for name in clouds if int(name) in recorded}
-    if twists and not recorded:
+    if not recorded:
         first = int(next(iter(clouds), 0))
         stamps = {name: round(start_s + KITTI_PERIOD_S * (int(name) - first), 9) for name in clouds}
     frames = join_frames(

@@ -31,7 +31,7 @@ from semcal_cli.importing.dataset_tree import (
     speeds_mps,
 )
 from semcal_cli.importing.kitti_360_windows import Windows
-from semcal_cli.importing.kitti_motion import MOMENT_360_SIGMA_S, with_motion
+from semcal_cli.importing.kitti_motion import MOMENT_360_SIGMA_S, triggered, with_motion
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Recording, Request, join_frames
 from semcal_cli.importing.sweep_odometry import NS
@@ -72,7 +72,7 @@ def read(request: Request) -> Recording:
         sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
         clouds = numbered_files(sweeps / "data", ".bin")
         stamps = kitti.read_stamps(sweeps / "timestamps.txt")
-        if file.exists() and not stamps:
+        if not stamps:
             stamps = {int(name): round(KITTI_PERIOD_S * int(name), 9) for name in clouds}
         frames = join_frames(clouds, points_stamp=stamps, **fields)
         remarks = ["raw sweeps carry no labels"]
@@ -103,14 +103,17 @@ def read(request: Request) -> Recording:
         remarks=tuple(remarks),
         read=(_fisheye(root / "calibration", camera),),
     )
-    if folder is not None or not file.exists():
+    if folder is not None:
+        return recording
+    recording = triggered(recording, MOMENT_360_SIGMA_S)
+    if not file.exists():
         return recording
     poses_lidar = {
         round(stamps[number] * NS): T_world_pose @ T_pose_lidar
         for number, T_world_pose in _read_poses(file).items()
         if number in stamps
     }
-    return with_motion(recording, poses_lidar, f"{file.name}", MOMENT_360_SIGMA_S)
+    return with_motion(recording, poses_lidar, file.name)
 
 
 def _sequences(folder: Path) -> list[str]:

@@ -110,37 +110,41 @@ def _moved(T: Pose, twist_per_s: TwistVector, step_ns: int) -> Pose:
     return moved
 
 
-def with_motion(
-    recording: Recording, poses: Mapping[int, Pose], source: str, moment_sigma_s: float
-) -> Recording:
-    """Add the motion to a recording: spin, poses and the moment of its images. Frames without poses are left out.
+def triggered(recording: Recording, moment_sigma_s: float) -> Recording:
+    """State when the LiDAR triggers the cameras. The images' own stamps are those of the computer that received them.
+
+    Args:
+        recording: Frames with the stamps of their sweeps.
+        moment_sigma_s: Standard deviation of the moment of the images, seconds.
+    """
+    frames = [replace(frame, image_stamp=frame.points_stamp) for frame in recording.frames]
+    return replace(recording, frames=frames, time_offset_s=MOMENT_S, time_offset_sigma_s=moment_sigma_s)
+
+
+def with_motion(recording: Recording, poses: Mapping[int, Pose], source: str) -> Recording:
+    """Add poses to a recording, and leave out the frames that they do not cover.
 
     Args:
         recording: Frames with the stamps of their sweeps.
         poses: Poses (4, 4) of the LiDAR, by their times in nanoseconds.
         source: Where they come from.
-        moment_sigma_s: Standard deviation of the moment of the images, seconds.
 
     Returns:
-        The recording; without its motion, and with a remark, if most frames have no poses around them.
+        The recording; as it was, with a remark, if most frames have no poses around them.
     """
     stamps = sorted(poses)
     frames = [frame for frame in recording.frames if _is_covered(frame, stamps)]
     if 2 * len(frames) < len(recording.frames):
         remark = f"{source} gives no poses around most frames: no motion is written, and sweeps stay skewed"
         return replace(recording, remarks=(*recording.remarks, remark))
-    left_out = len(recording.frames) - len(frames)
     remarks = [f"sweeps are deskewed by the spin of the LiDAR and the motion in {source}"]
-    if left_out:
+    if left_out := len(recording.frames) - len(frames):
         remarks.append(f"left out {counted(left_out, 'frame')} without poses around them")
     return replace(
         recording,
-        # The trigger ties the images to the sweeps; their own stamps are those of the computer that received them.
-        frames=[replace(frame, image_stamp=frame.points_stamp) for frame in frames],
+        frames=frames,
         poses={stamp: poses[stamp] for stamp in stamps},
         motion={"sigma": SIGMA},
-        time_offset_s=MOMENT_S,
-        time_offset_sigma_s=moment_sigma_s,
         remarks=(*recording.remarks, *remarks),
     )
 

@@ -292,7 +292,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     for number, (name, stamp_s) in enumerate(ordered, start=1):
         on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
         (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points)
-        spun = drive.lidar and drive.lidar.times_of(cloud)
+        spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
         times_s = cloud.time if spun is None else spun
         if times_s is not None and np.nanmin(np.abs(times_s)) > MAX_SWEEP_S:
             is_absolute, times_s = True, times_s - stamp_s

@@ -148,7 +148,7 @@ def motion_error_px(drive: Drive, clouds: Sequence[SweepCloud]) -> float | None:
         return None
     shifts_px = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
-        spun = drive.lidar and drive.lidar.times_of(cloud)
+        spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
         times = cloud.time if spun is None else spun
         if times is None or not MIN_SWEEP_S <= np.ptp(times) <= MAX_SWEEP_S:
             continue
@@ -177,7 +177,7 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> tup
         raise InputError(
             f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed a time for the motion"
         )
-    spun = drive.lidar and drive.lidar.times_of(cloud)
+    spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
     if motion.point_times == "deskewed" or (cloud.time is None and spun is None):
         return np.full(len(cloud.points), frame.points_stamp), True
     if spun is not None:
