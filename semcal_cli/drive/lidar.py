@@ -90,6 +90,8 @@ class Lidar(StrictModel):
         """Compute the times of the points of a sweep (N,), seconds after its stamp, from their azimuths.
 
         Returns:
-            None if the file has times, or the spin is not stated.
+            None if the file has times, unless these are all alike, or if the spin is not stated.
         """
-        return None if self.spin is None or cloud.time is not None else self.spin.times(cloud.points)
+        if self.spin is None or (cloud.time is not None and np.ptp(cloud.time) != 0.0):
+            return None
+        return self.spin.times(cloud.points)

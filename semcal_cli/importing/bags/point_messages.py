@@ -115,10 +115,14 @@ def read_sweep(message: Message, stamp_ns: int, spin: Spin | None = None) -> Swe
     if not has_range.any():
         raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
     sweep = _with_readable_times(records, has_range, stamp_ns)
-    if spin is None or sweep.times != PointTimes():
+    if spin is None or sweep.times.reference is not None:
         return sweep
     seconds = spin.times(sweep.points).reshape(records.shape)
-    return sweep._replace(times=PointTimes("relative", _ends(seconds[has_range])), seconds=seconds)
+    times = PointTimes("relative", _ends(seconds[has_range]))
+    if (name := _time_field(records)) is None:
+        return sweep._replace(times=times, seconds=seconds)
+    remark = f"the point times {name!r} do not tell the time: those by --spin are written as 't' instead"
+    return Sweep(_with_times(records, name, seconds), times._replace(remark=remark), seconds)
 
 
 def _count(field: np.dtype[Any]) -> int:
@@ -250,9 +254,8 @@ def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_n
     reader knows, become seconds relative to the stamp, as float64, under the name `t`. Points without a range often
     have no time either and are ignored.
     """
-    name_by_lower = {name.lower(): name for name in reversed(records.dtype.names or ())}
-    name = next((name_by_lower[key] for key in TIMES if key in name_by_lower), None)
-    if name is None or _count(records.dtype[name]) > 1:
+    name = _time_field(records)
+    if name is None:
         return Sweep(records, PointTimes())
     time_fields = [field for field in records.dtype.names or () if field.lower() in (name.lower(), "t")]
     if len(time_fields) > 1:
@@ -283,6 +286,13 @@ def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_n
         return Sweep(records, PointTimes("absolute" if shift else "relative", ends_s), seconds)
     remark = f"{subject}, {spans[0]}, are written as 't', seconds after the sweep's stamp"
     return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
+
+
+def _time_field(records: npt.NDArray[np.void]) -> str | None:
+    """Name the field of the times; None without one."""
+    name_by_lower = {name.lower(): name for name in reversed(records.dtype.names or ())}
+    name = next((name_by_lower[key] for key in TIMES if key in name_by_lower), None)
+    return None if name is None or _count(records.dtype[name]) > 1 else name
 
 
 def _ends(values: Array) -> tuple[float, float]:
