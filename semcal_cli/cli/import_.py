@@ -102,10 +102,17 @@ class ImportSettings(QuietSettings):
         metavar="NAME|FILE",
     )
     max_gap_s: float | None = _max_gap()
+    odometry: bool = option(
+        "Estimate the motion from the sweeps with KISS-ICP. A motion that the data state takes precedence, and is "
+        "compared with the estimate.",
+        default=False,
+    )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
     def write(self, recording: Recording, **others: Any) -> None:
         """Write the drive, and say what was written; `others` are options that have another meaning here."""
+        if self.odometry:
+            check_installed("--odometry", "kiss_icp", "odometry")
         from semcal_cli.importing.choice import Options
         from semcal_cli.importing.drive_folder import write_drive
 

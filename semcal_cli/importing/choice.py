@@ -45,6 +45,8 @@ class Options:
     """Name or file of the class table of the label images; None for the data set's own."""
     point_classes: str | None = None
     """Name or file of the class table of the points; None for the data set's own."""
+    odometry: bool = False
+    """Whether the motion is estimated from all sweeps, if the data set states none."""
 
 
 def relabel(recording: Recording, options: Options) -> Recording:

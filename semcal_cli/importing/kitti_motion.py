@@ -74,7 +74,7 @@ def imu_in_lidar(day: Path) -> tuple[Pose, tuple[str, ...]]:
     file = day / "calib_imu_to_velo.txt"
     if file.exists():
         return raw_pose(read_keyed(file), None, None), ()
-    return T_LIDAR_IMU, (f"found no {file.name} in {day}: that of 2011-09-26 is used for the motion",)
+    return T_LIDAR_IMU, (f"found no {file.name} in {day}: KITTI's of 2011-09-26 is used for the motion",)
 
 
 def poses_along(stamps_s: Sequence[float], twists_per_s: Sequence[TwistVector]) -> dict[int, Pose]:
