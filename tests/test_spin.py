@@ -117,14 +117,19 @@ def test_a_spin_without_a_motion_is_noted() -> None:
         assert LoadedDrive(drive, load_points(drive)).notes == notes
 
 
+def room(index: int) -> np.ndarray:
+    """The walls (6000, 3) of a room, 0.8 m farther on in each sweep."""
+    generator = np.random.default_rng(index)
+    walls = generator.uniform(-15.0, 15.0, (6000, 3)) * [1.0, 1.0, 0.2]
+    walls[np.arange(6000), generator.integers(0, 2, 6000)] = 15.0 * generator.choice([-1.0, 1.0], 6000)
+    return (walls - [0.8 * index, 0.0, 0.0]).astype(np.float32)
+
+
 def test_odometry_takes_the_times_of_the_spin(tmp_path: Path) -> None:
     pytest.importorskip("kiss_icp")
-    generator = np.random.default_rng(3)
     document: dict[str, Any] = {"semcal_drive": 1, "camera": CAMERA.model_dump(mode="json"), "frames": []}
     for index in range(4):
-        walls = generator.uniform(-15.0, 15.0, (6000, 3)) * [1.0, 1.0, 0.2]
-        walls[np.arange(6000), generator.integers(0, 2, 6000)] = 15.0 * generator.choice([-1.0, 1.0], 6000)
-        points = (walls - [0.8 * index, 0.0, 0.0]).astype(np.float32)
+        points = room(index)
         records = np.zeros(len(points), [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f8")])
         records["x"], records["y"], records["z"] = points.T
         records["time"] = -np.arctan2(*points.T[[1, 0]].astype(np.float64)) / (2.0 * np.pi) * 0.1
@@ -139,6 +144,29 @@ def test_odometry_takes_the_times_of_the_spin(tmp_path: Path) -> None:
         found.append(drive_motion(read_drive(tmp_path / f"{name}.yaml")).poses)
     assert found[0].keys() == found[1].keys()
     np.testing.assert_allclose([*found[0].values()], [*found[1].values()], atol=1e-6)
+
+
+def test_an_import_estimates_the_motion_of_a_data_set(tmp_path: Path) -> None:
+    """From all sweeps, of which one frame is kept; the stated motion comes first, and is compared."""
+    pytest.importorskip("kiss_icp")
+    of = Import("kitti-raw", tmp_path)
+    (of.root / KITTI_RAW_DRIVE / "velodyne_points/timestamps.txt").unlink()
+    for index in range(6):
+        sweep = np.c_[room(index), np.zeros(6000)].astype("<f4")
+        (of.root / KITTI_RAW_DRIVE / f"velodyne_points/data/{index:010d}.bin").write_bytes(sweep.tobytes())
+        write_ids(of.root / KITTI_RAW_DRIVE / f"image_02/data/{index:010d}.png")
+    drive = of.run("--odometry", "--frames", "3:4")
+    assert (len(drive.frames), drive.time_offset_s) == (1, MOMENT_S)
+    assert drive.motion is not None
+    assert "estimates the motion of the LiDAR from the sweeps; the drive uses it" in " ".join(
+        of.stderr.split()
+    )
+    twist = read_trajectory(drive, str(drive.motion.poses)).twist_at(drive.frames[0].points_stamp or 0.0)
+    assert twist[0] == pytest.approx(8.0, abs=1.0)
+    for index in range(6):
+        write(of.root / KITTI_RAW_DRIVE / f"oxts/data/{index:010d}.txt", packet(20.0))
+    of.run("--odometry")
+    assert "the motion of the data set disagrees with the motion estimated" in " ".join(of.stderr.split())
 
 
 def packet(forward_m_s: float, *, pitch: float = 0.0, up_m_s: float = 0.0, yaw_rad_s: float = 0.0) -> str:
