@@ -152,6 +152,29 @@ def test_motion_needs_times_of_points_and_can_be_refused(tmp_path: Path) -> None
     assert "motion" not in imported(path, tmp_path / "none", motion="none")
 
 
+@pytest.mark.parametrize("fields", [["x", "y", "z"], ["x", "y", "z", "time"]])
+def test_a_spin_gives_the_times_that_points_lack(fields: list[str], tmp_path: Path) -> None:
+    """Where there is no field, or one that tells nothing."""
+    angles = np.linspace(-3.0, 3.0, 20)
+    records = RECORDS[fields].copy()
+    records["x"], records["y"] = 9.0 * np.cos(angles), 9.0 * np.sin(angles)
+    if "time" in fields:
+        records["time"] = 5.0
+    path = small(tmp_path, tf_static=CHAIN, points=cloud(records), odom=odometry("base"))
+    run_cli("import", "bag", path, "--spin", "10:ccw:180:start", "-o", tmp_path / "drive")
+    document = yaml.safe_load((tmp_path / "drive/drive.yaml").read_text())
+    spin = {"rate_hz": 10.0, "clockwise": False, "seam_deg": 180.0, "stamp": "start"}
+    assert document["lidar"] == {"spin": spin}
+    assert document["motion"]["point_times"] == "relative"
+    frames = load_points(read_drive(tmp_path / "drive")).frame_observations
+    # At 10 m/s, the points of a sweep of 0.1 s are moved by up to a metre.
+    measured = np.stack([records[axis] for axis in "xyz"], axis=1)
+    assert all(np.linalg.norm(frame.cloud.points - measured, axis=1).max() > 0.5 for frame in frames)
+    for wrong in ("10:cw", "10:left:0", "0:cw:0", "10:cw:0:late", "10:cw:0:end:1"):
+        result = run_cli("import", "bag", path, "--spin", wrong, "-o", tmp_path / "drive", code=2)
+        assert f"found '{wrong}', needed HZ:cw|ccw:SEAM_DEG[:start|middle|end], such as" in result.stderr
+
+
 FAR = pose_from_mounting([0, 0, 0], [500.0, 0, 0])
 TURNS: dict[str, tuple[dict[str, Maker], dict[str, Any], str]] = {
     "no such topic": ({"odom": odometry("lidar")}, {"motion": "/x"},

@@ -48,6 +48,7 @@ RUNS = {
     "labels_from_images.py -o OUT/labels --seconds 1 --training-frames 1 --drives 1 --frames 1 --width 128": 4,
     "point_clouds.py --rounds 1 --columns 32": 2,
     "real_drives.py DATA --starts 1 --only nuScenes --pairs 1 --cue edges --cue segments,edges": 12,
+    "spin.py DATA --starts 1 --only '360, a street, deskewed, 0.0'": 1,
     "odometry.py --seeds 1 --points 5000": 7,
     "odometry_gain.py --only clock --seeds 1 --points 10000 --width 160": 1,
     "odometry_speed.py -o OUT/speed --sweeps 12 --points 5000": 1,

@@ -20,6 +20,7 @@ from semcal_cli.checks.mirrored_clouds import check_mirroring
 from semcal_cli.checks.motion_report import report_motion
 from semcal_cli.checks.narrow_view import check_view
 from semcal_cli.checks.scale import check_range, check_scale, judge_scale
+from semcal_cli.checks.seam import check_seam
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.stamp_gap import check_gap
 from semcal_cli.checks.sweep_motion import check_readout, check_sweep_motion, has_direction
@@ -152,6 +153,7 @@ def inspect(drive: Drive) -> DriveReport:
         advice=(
             *_sentences(check_frame_count(len(readable), num_scenes, field_of_view[0])),
             *motion.advice,
+            *_sentences(check_seam(drive, clouds)),
         ),
     )
 

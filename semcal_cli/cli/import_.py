@@ -47,6 +47,30 @@ class FrameSlice(click.ParamType):  # type: ignore[type-arg]
         return slice(*parts)
 
 
+class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
+    """HZ:cw|ccw:SEAM_DEG:STAMP, as the keys of `lidar: spin:` in a drive. The stamp may be left out."""
+
+    name = "HZ:cw|ccw:SEAM_DEG[:start|middle|end]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, Any]:
+        """Parse the spin."""
+        from semcal_cli.drive.lidar import Spin
+
+        if isinstance(value, dict):
+            return value
+        parts = str(value).split(":")
+        spin = dict(zip(("rate_hz", "clockwise", "seam_deg", "stamp"), parts, strict=False))
+        try:
+            numbers = {key: float(spin[key]) for key in ("rate_hz", "seam_deg")}
+            is_clockwise = {"cw": True, "ccw": False}[spin["clockwise"]]
+            if len(parts) > len(spin):
+                raise ValueError(value)
+            return Spin.model_validate(spin | numbers | {"clockwise": is_clockwise}).model_dump()
+        except (KeyError, ValueError):
+            needed = f"{self.name}, such as 10:cw:180:end"
+            self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
+
+
 def _max_gap(default: float | None = None, **maximum: float) -> Any:
     text = "Largest time difference between a sweep and its image, in seconds."
     return option(text, default=default, above=0.0, metavar="S", **maximum)
@@ -78,10 +102,17 @@ class ImportSettings(QuietSettings):
         metavar="NAME|FILE",
     )
     max_gap_s: float | None = _max_gap()
+    odometry: bool = option(
+        "Estimate the motion from the sweeps with KISS-ICP. A motion that the data state takes precedence, and is "
+        "compared with the estimate.",
+        default=False,
+    )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
     def write(self, recording: Recording, **others: Any) -> None:
         """Write the drive, and say what was written; `others` are options that have another meaning here."""
+        if self.odometry:
+            check_installed("--odometry", "kiss_icp", "odometry")
         from semcal_cli.importing.choice import Options
         from semcal_cli.importing.drive_folder import write_drive
 
@@ -220,6 +251,13 @@ class BagSettings(QuietSettings):
     motion_frame: str | None = option(
         "Frame whose poses the topic contains, if its messages do not say.", metavar="FRAME"
     )
+    spin: dict[str, Any] | None = option(
+        "How a LiDAR turns whose points have no times: turns per second, cw or ccw as seen from above, the azimuth "
+        "at which sweeps begin, and which moment of a sweep its stamp states: start, middle or end "
+        "(middle if not given).",
+        type=SpinOfLidar(),
+        metavar="HZ:cw|ccw:SEAM_DEG[:STAMP]",
+    )
     odometry: bool = option(
         "Estimate the motion from the sweeps with KISS-ICP. A motion topic takes precedence, and is compared "
         "with the estimate; --motion none ignores all topics.",
@@ -247,10 +285,12 @@ def bag(settings: BagSettings) -> None:
     if settings.is_list:
         _list(settings.paths)
         return
+    from semcal_cli.drive.lidar import Spin
     from semcal_cli.importing.bags.bag_import import import_bag
     from semcal_cli.importing.bags.topics import BagRequest
 
-    request = made_of(BagRequest, settings, by_receipt=settings.stamps == "receive")
+    spin = None if settings.spin is None else Spin(**settings.spin)
+    request = made_of(BagRequest, settings, by_receipt=settings.stamps == "receive", spin=spin)
     assert settings.output is not None  # by a rule
     with settings.terminal() as terminal:
         done = import_bag(request, settings.output, terminal.on_event, force=settings.force)

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 from typing_extensions import Unpack
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
+from semcal_cli.drive.lidar import Lidar
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import InputError, MisplacedError, mismatch
 from semcal_cli.files.documents import read_document
@@ -47,7 +48,6 @@ Id = Annotated[int, Field(ge=0, le=0xFFFF)]
 Ids = Annotated[tuple[Id, ...], length(0)]
 ColorValue = Annotated[int, Field(ge=0, le=255)]
 Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
-ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
 """Time in seconds. The limits exclude nanoseconds since 1970."""
@@ -58,27 +58,6 @@ DEFAULT_CLOCK_SIGMA_S = 0.02
 MAX_OFFSET_S = 1.0
 TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 """Offset of two clocks, in seconds. Sweeps and images that are farther apart are not pairs."""
-
-
-class Lidar(StrictModel):
-    """The scan pattern of a spinning LiDAR."""
-
-    channels: Annotated[int, Field(ge=2, le=4096)]
-    """Number of beams, which is the number of rows of the range image."""
-    columns: Annotated[int, Field(ge=4, le=0xFFFF)]
-    """Number of firings per turn."""
-    fov_up_deg: ElevationDeg
-    """Elevation of the highest beam, in degrees."""
-    fov_down_deg: ElevationDeg
-    """Elevation of the lowest beam, in degrees, negative below the horizon."""
-
-    @field_validator("fov_down_deg")
-    @classmethod
-    def _check_order(cls, fov_down_deg: float, info: ValidationInfo) -> float:
-        fov_up_deg = info.data.get("fov_up_deg", 90.0)
-        if fov_down_deg >= fov_up_deg:
-            raise mismatch(fov_down_deg, f"less than fov_up_deg, {fov_up_deg}")
-        return fov_down_deg
 
 
 class Frame(StrictModel):
@@ -184,7 +163,7 @@ class Drive(StrictModel):
     camera: Camera
     """Camera of the drive. Its intrinsics are assumed to be right unless they are estimated together with the pose."""
     lidar: Lidar | None = None
-    """Scan pattern of the LiDAR. If absent, it is estimated from the points."""
+    """Scan pattern of the LiDAR, estimated from the points if absent, and how the LiDAR turns."""
     frames: Annotated[tuple[Frame, ...], length(1)]
     """Frames of one rig."""
     ignore: Ignore = Ignore()

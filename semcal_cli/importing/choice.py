@@ -45,6 +45,8 @@ class Options:
     """Name or file of the class table of the label images; None for the data set's own."""
     point_classes: str | None = None
     """Name or file of the class table of the points; None for the data set's own."""
+    odometry: bool = False
+    """Whether the motion is estimated from all sweeps, if the data set states none."""
 
 
 def relabel(recording: Recording, options: Options) -> Recording:
@@ -86,6 +88,10 @@ def _with_labels(
             f"{folder}: found {len(files):,} label files, none named after a frame; needed "
             f"{' or '.join(dict.fromkeys(_label_names(frames[0])))} with {', '.join(suffixes)}"
         )
+    used = list(filter(None, label_files))
+    if len(set(used)) < len(used):
+        file = next(file for index, file in enumerate(used) if file in used[:index])
+        raise InputError(f"{file}: found several frames of this name, needed a label file for each")
     if side == "point_labels":
         return [replace(frame, point_labels=file) for frame, file in zip(frames, label_files, strict=True)]
     return [replace(frame, image_labels=file) for frame, file in zip(frames, label_files, strict=True)]

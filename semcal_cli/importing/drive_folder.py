@@ -22,8 +22,10 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, nearest_rigid, rotation_error_deg
 from semcal_cli.importing.choice import Options, keep_labelled, narrow, relabel, select_varied
 from semcal_cli.importing.dataset_tree import need_file, writable_name
+from semcal_cli.importing.motion_agreement import compare_motions
 from semcal_cli.importing.ontologies import Ontology
 from semcal_cli.importing.recording import Conversion, Recording, SourceFrame
+from semcal_cli.importing.sweep_odometry import NS, SIGMA, drive_motion, estimator, tum_text
 
 UNWRITTEN = Path("the drive to be written")
 """File name for errors that no single file of the data set causes."""
@@ -70,6 +72,8 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
             if (file := _identifying_file(frame)) is not None
         }
         check_may_replace(path, lambda file, frame: os.path.realpath(file) in known_files)
+    if options.odometry:
+        recording = _with_odometry(recording, path)
     recording = narrow(recording, options)
     drive = validate(Drive, _document(recording, path), UNWRITTEN)
     drive._path = path
@@ -84,6 +88,8 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
         document = _document(replace(recording, frames=frames), path)
         drive = validate(Drive, document, UNWRITTEN)
         drive._path = path
+        if recording.poses is not None:
+            write(tum_text(recording.poses).encode(), path.parent / _poses_file(path))
         write(document_text(document, "yaml").encode(), path)
     remarks = [*recording.remarks]
     if left_out := len(chosen) - len(frames):
@@ -122,17 +128,70 @@ def _identifying_file(frame: SourceFrame) -> Path | None:
 
 def _document(recording: Recording, path: Path) -> dict[str, Any]:
     """Make the content of a drive.yaml at `path`."""
-    lidar, motion, T_camera_lidar = recording.lidar, recording.motion, _reference(recording)
+    lidar, T_camera_lidar, sigma_s = recording.lidar, _reference(recording), recording.time_offset_sigma_s
+    motion = None if recording.motion is None else dict(recording.motion)
+    if recording.poses is not None:
+        motion = {"poses": _poses_file(path)} | (motion or {})
     return {
         "semcal_drive": 1,
         "camera": dict(recording.camera),
         **({} if lidar is None else {"lidar": dict(lidar)}),
         "frames": [_frame_document(frame, path.parent) for frame in recording.frames],
         **_class_blocks(recording),
-        **({} if motion is None else {"motion": dict(motion)}),
+        **({} if motion is None else {"motion": motion}),
         **({} if recording.synchronization == "unknown" else {"synchronization": recording.synchronization}),
+        **({} if recording.time_offset_s == 0.0 else {"time_offset_s": recording.time_offset_s}),
+        **({} if sigma_s is None else {"time_offset_sigma_s": sigma_s}),
         **({} if T_camera_lidar is None else {"T_camera_lidar": T_camera_lidar.tolist()}),
     }
+
+
+def _with_odometry(recording: Recording, path: Path) -> Recording:
+    """Estimate the motion from all sweeps, or compare it with the stated one; frames without poses are left out."""
+    if converted := [frame.name for frame in recording.frames if isinstance(frame.points, Conversion)]:
+        raise InputError(
+            f"--odometry: found a converted cloud in frame {converted[0]!r}, needed sweeps as recorded"
+        )
+    drive = validate(Drive, _document(recording, path), UNWRITTEN)
+    drive._path = path
+    # The folder of the drive need not exist yet.
+    frames = [
+        frame.model_copy(update={"points": str(Path(str(source.points)).absolute())})
+        for source, frame in zip(recording.frames, drive.frames, strict=True)
+    ]
+    motion = drive_motion(drive.model_copy(update={"frames": tuple(frames)}))
+    if recording.poses is not None:
+        moments_ns = [round((frame.image_stamp or 0.0) * NS) for frame in drive.frames]
+        difference = compare_motions(recording.poses, motion.poses, moments_ns)
+        remark = "the motion of the data set could not be compared with that of the sweeps"
+        if difference is not None:
+            remark = difference.describe("the motion of the data set")
+        return replace(recording, remarks=(*recording.remarks, remark))
+    uncovered = set(motion.uncovered)
+    covered = [
+        source
+        for source, frame in zip(recording.frames, frames, strict=True)
+        if frame.points not in uncovered
+    ]
+    if not covered:
+        raise InputError(
+            f"--odometry: found no frame with poses around it, needed {counted(3, 'consecutive sweep')}"
+        )
+    remarks = [f"{estimator()} estimates the motion of the LiDAR from the sweeps; the drive uses it"]
+    if left_out := len(recording.frames) - len(covered):
+        remarks.append(f"left out {counted(left_out, 'frame')} without poses around them")
+    return replace(
+        recording,
+        frames=covered,
+        poses=motion.poses,
+        motion={"point_times": motion.point_times, "sigma": SIGMA},
+        remarks=(*recording.remarks, *remarks),
+    )
+
+
+def _poses_file(path: Path) -> str:
+    """Name the file of the poses, relative to the drive; it belongs to this drive alone."""
+    return f"poses/{path.stem}.txt"
 
 
 def _frame_document(frame: SourceFrame, folder: Path) -> dict[str, Any]:

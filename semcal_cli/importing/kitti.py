@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from semcal_cli.config.synchronization import Synchronization
-from semcal_cli.errors import InputError, counted, listed
+from semcal_cli.errors import InputError, listed
 from semcal_cli.files.input_files import is_folder, read_text
 from semcal_cli.formats.kitti_files import (
     OBJECT_KEY,
@@ -24,9 +27,11 @@ from semcal_cli.formats.kitti_files import (
     raw_pose,
     read_keyed,
 )
-from semcal_cli.formats.node import Node, camera_block, image_side, parse_numbers, pick, stamp_s
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.formats.node import Node, camera_block, image_side, pick, stamp_s
+from semcal_cli.geometry.arrays import Pose, TwistVector
+from semcal_cli.geometry.twists import adjoint
 from semcal_cli.importing.dataset_tree import (
+    KITTI_PERIOD_S,
     files_by_stem,
     folders,
     image_size,
@@ -34,16 +39,27 @@ from semcal_cli.importing.dataset_tree import (
     read_rows,
     read_speeds,
 )
+from semcal_cli.importing.kitti_motion import (
+    MOMENT_SIGMA_S,
+    SPIN,
+    imu_in_lidar,
+    poses_along,
+    read_packet,
+    triggered,
+    with_motion,
+)
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Recording, Request, SourceFrame, join_frames
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
 """Scan pattern of the Velodyne HDL-64E at 10 turns per second."""
+SPINNING = LIDAR | {"spin": SPIN}
+"""The same for sweeps that are skewed; those of KITTI odometry are deskewed."""
 SYNCHRONIZATION: Synchronization = "hardware"
 """The Velodyne triggers the cameras when it faces forward (Geiger et al., *Vision meets Robotics*, IJRR 2013)."""
-FORWARD_SPEED = 8
-"""Column of the forward velocity in an oxts packet, metres per second (dataformat.txt)."""
 IMAGES = (".png", ".jpg")
+BETWEEN_DRIVES_S = 10.0
+"""Time from the end of a drive without timestamps to the start of the next one, whatever it was."""
 MISSING = "{}: found no frame with a sweep in velodyne and an image in {}"
 
 
@@ -69,7 +85,7 @@ def read_odometry(request: Request, *, has_labels: bool = False) -> Recording:
         speed_mps=dict(enumerate(read_speeds(request.root / f"poses/{folder.name}.txt"))),
         missing=MISSING.format(folder, camera),
     )
-    return _recording(folder / "calib.txt", camera, frames)
+    return _recording(folder / "calib.txt", camera, frames, LIDAR)
 
 
 def read_semantickitti(request: Request) -> Recording:
@@ -109,7 +125,7 @@ def read_object(request: Request) -> Recording:
     if request.sequence is not None:
         name = pick("sequence", request.sequence, list(frames), folder)
         group = next(names for names in groups.values() if name in names)
-    recording = _recording(files[group[0]], camera, [frames[name] for name in group])
+    recording = _recording(files[group[0]], camera, [frames[name] for name in group], SPINNING)
     others = [f"{names[0]} ({len(names):,})" for names in groups.values() if names is not group]
     if not others:
         return recording
@@ -125,13 +141,13 @@ def _camera(folder: Path, request: Request) -> str:
     return pick("camera", request.camera, cameras, folder, default="image_2")
 
 
-def _recording(file: Path, camera: str, frames: list[SourceFrame]) -> Recording:
+def _recording(file: Path, camera: str, frames: list[SourceFrame], lidar: Mapping[str, Any]) -> Recording:
     image = frames[0].image
     assert image is not None
     block, T_camera_lidar = calibration(file, int(camera.removeprefix("image_")), *image_size(image))
     return Recording(
         camera=block,
-        lidar=LIDAR,
+        lidar=lidar,
         frames=frames,
         T_camera_lidar=T_camera_lidar,
         synchronization=SYNCHRONIZATION,
@@ -141,34 +157,69 @@ def _recording(file: Path, camera: str, frames: list[SourceFrame]) -> Recording:
 def read_raw(request: Request) -> Recording:
     """Find the synchronised, rectified frames of ROOT/2011_09_26/2011_09_26_drive_0001_sync.
 
+    The sequence may also be a day, such as 2011_09_26, for all its drives: they have one calibration.
+
     Raises:
         InputError: the drive, the camera or a file is missing or wrong, or no frame is complete.
     """
-    drives = sorted(path.parent.name for path in request.root.glob("*/*_sync/velodyne_points"))
-    drive = pick("sequence", request.sequence, drives, request.root)
-    day = request.root / drive[: len("2011_09_26")]
-    folder = day / drive
-    cameras = [name for name in folders(folder) if name.startswith("image_")]
-    camera = pick("camera", request.camera, cameras, folder, default="image_02")
-    clouds = numbered_files(folder / "velodyne_points/data", ".bin")
-    packets = files_by_stem(folder / "oxts/data", ".txt", is_needed=False)
-    frames = join_frames(
-        clouds,
-        image=files_by_stem(folder / camera / "data", *IMAGES),
-        points_stamp=read_stamps(folder / "velodyne_points/timestamps.txt"),
-        image_stamp=read_stamps(folder / camera / "timestamps.txt"),
-        speed_mps={name: _speed(path) for name, path in packets.items() if name in clouds},
-        missing=f"{folder}: found no frame with a sweep and an image in {camera}",
-    )
+    drives = sorted(path.parent for path in request.root.glob("*/*_sync/velodyne_points"))
+    days = {
+        folder.parent.name: [drive for drive in drives if drive.parent == folder.parent] for folder in drives
+    }
+    choices = {drive.name: [drive] for drive in drives}
+    choices |= {day: drives_of_day for day, drives_of_day in days.items() if len(drives_of_day) > 1}
+    chosen = choices[pick("sequence", request.sequence, list(choices), request.root)]
+    day = request.root / chosen[0].name[: len("2011_09_26")]
+    cameras = [name for name in folders(chosen[0]) if name.startswith("image_")]
+    camera = pick("camera", request.camera, cameras, chosen[0], default="image_02")
+    frames, twists_imu = list[SourceFrame](), list[tuple[float, TwistVector]]()
+    for folder in chosen:
+        end_s = frames[-1].points_stamp if frames else None
+        of_drive, of_imu = _raw_frames(folder, camera, 0.0 if end_s is None else end_s + BETWEEN_DRIVES_S)
+        frames += of_drive
+        twists_imu += of_imu
     velo, lines = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
     number = camera.removeprefix("image_")
-    return Recording(
+    recording = Recording(
         camera=pinhole(lines.at(f"P_rect_{number}"), *image_sides(lines.at(f"S_rect_{number}"))),
-        lidar=LIDAR,
+        lidar=SPINNING,
         frames=frames,
         T_camera_lidar=raw_pose(velo, lines, camera),
         synchronization=SYNCHRONIZATION,
     )
+    recording = triggered(recording, MOMENT_SIGMA_S)
+    if not twists_imu:
+        return recording
+    T_lidar_imu, remarks = imu_in_lidar(day)
+    stamps_s, twists = zip(*twists_imu, strict=True)
+    poses = poses_along(stamps_s, [adjoint(T_lidar_imu) @ twist for twist in twists])
+    return with_motion(replace(recording, remarks=remarks), poses, "oxts")
+
+
+def _raw_frames(
+    folder: Path, camera: str, start_s: float
+) -> tuple[list[SourceFrame], list[tuple[float, TwistVector]]]:
+    """Find the frames of a drive, and the stamps and twists of its inertial unit at its sweeps.
+
+    Without timestamps, the first sweep is at `start_s`.
+    """
+    clouds = numbered_files(folder / "velodyne_points/data", ".bin")
+    files = files_by_stem(folder / "oxts/data", ".txt", is_needed=False)
+    twists = {name: read_packet(files[name]) for name in clouds if name in files}
+    recorded = read_stamps(folder / "velodyne_points/timestamps.txt")
+    stamps = {name: recorded[int(name)] for name in clouds if int(name) in recorded}
+    if not recorded:
+        first = int(next(iter(clouds), 0))
+        stamps = {name: round(start_s + KITTI_PERIOD_S * (int(name) - first), 9) for name in clouds}
+    frames = join_frames(
+        clouds,
+        image=files_by_stem(folder / camera / "data", *IMAGES),
+        points_stamp=stamps,
+        image_stamp=read_stamps(folder / camera / "timestamps.txt"),
+        speed_mps={name: float(np.linalg.norm(twist[:3])) for name, twist in twists.items()},
+        missing=f"{folder}: found no frame with a sweep and an image in {camera}",
+    )
+    return frames, [(stamps[name], twist) for name, twist in twists.items() if name in stamps]
 
 
 def read_stamps(path: Path) -> dict[int, float]:
@@ -197,16 +248,6 @@ def read_stamps(path: Path) -> dict[int, float]:
             ) from None
         stamps[index] = stamp_s(where, seconds)
     return stamps
-
-
-def _speed(packet: Path) -> float:
-    """Read the speed at a frame from its inertial packet, in metres per second."""
-    values = read_text(packet).split()
-    if len(values) <= FORWARD_SPEED:
-        raise InputError(
-            f"{packet}: found {counted(len(values), 'value')}, needed at least {FORWARD_SPEED + 1}"
-        )
-    return abs(float(parse_numbers(packet, f"value {FORWARD_SPEED + 1}", values[FORWARD_SPEED], 1)[0]))
 
 
 def calibration(path: Path, camera: int, width: int, height: int) -> tuple[dict[str, Any], Pose]:

@@ -31,8 +31,10 @@ from semcal_cli.importing.dataset_tree import (
     speeds_mps,
 )
 from semcal_cli.importing.kitti_360_windows import Windows
+from semcal_cli.importing.kitti_motion import MOMENT_360_SIGMA_S, triggered, with_motion
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Recording, Request, join_frames
+from semcal_cli.importing.sweep_odometry import NS
 
 DEFAULT_CAMERA = "image_00"
 PERSPECTIVE = ("image_00", "image_01")
@@ -63,16 +65,20 @@ def read(request: Request) -> Recording:
     raw_pair = camera in PERSPECTIVE and not rectified
     folder_name = f"{camera}/data_rgb" if raw_pair else camera
     missing = f"{root}: found no frame of {sequence} with points, a pose and an image of {folder_name}"
+    file = root / "data_poses" / sequence / "poses.txt"
+    T_pose_lidar = _camera_to_pose(root / "calibration", DEFAULT_CAMERA) @ T_camera0_lidar
     fields: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **images}
     if folder is None:
         sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
         clouds = numbered_files(sweeps / "data", ".bin")
-        frames = join_frames(clouds, points_stamp=kitti.read_stamps(sweeps / "timestamps.txt"), **fields)
+        stamps = kitti.read_stamps(sweeps / "timestamps.txt")
+        if not stamps:
+            stamps = {int(name): round(KITTI_PERIOD_S * int(name), 9) for name in clouds}
+        frames = join_frames(clouds, points_stamp=stamps, **fields)
         remarks = ["raw sweeps carry no labels"]
     else:
         windows = Windows(folder, visible_only=camera in PERSPECTIVE)
-        T_pose_lidar = _camera_to_pose(root / "calibration", DEFAULT_CAMERA) @ T_camera0_lidar
-        poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
+        poses = _read_poses(file)
         cuts = {
             f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
             for number, T_world_pose in poses.items()
@@ -85,9 +91,9 @@ def read(request: Request) -> Recording:
             "data_2d_semantics labels only rectified images: give labels of raw images with --image-labels"
         )
     ontology = read_ontology("kitti-360")
-    return Recording(
+    recording = Recording(
         camera=block,
-        lidar=kitti.LIDAR if folder is None else None,
+        lidar=kitti.SPINNING if folder is None else None,
         frames=frames,
         T_camera_lidar=T_camera_camera0 @ T_camera0_lidar,
         point_classes=ontology if folder else None,
@@ -97,6 +103,17 @@ def read(request: Request) -> Recording:
         remarks=tuple(remarks),
         read=(_fisheye(root / "calibration", camera),),
     )
+    if folder is not None:
+        return recording
+    recording = triggered(recording, MOMENT_360_SIGMA_S)
+    if not file.exists():
+        return recording
+    poses_lidar = {
+        round(stamps[number] * NS): T_world_pose @ T_pose_lidar
+        for number, T_world_pose in _read_poses(file).items()
+        if number in stamps
+    }
+    return with_motion(recording, poses_lidar, file.name)
 
 
 def _sequences(folder: Path) -> list[str]:

@@ -169,7 +169,7 @@ class Recording:
     ids_in_red: bool = False
     """Whether the label images are colours whose red is the id, and whose green and blue are 0."""
     motion: Mapping[str, Any] | None = None
-    """The `motion:` block of a drive, if the motion of the LiDAR is known."""
+    """The `motion:` block of a drive, if the motion of the LiDAR is known; without `poses`, if those follow."""
     synchronization: Synchronization = "unknown"
     """What ties the images to the moments of the sweeps."""
     remarks: tuple[str, ...] = ()
@@ -178,6 +178,12 @@ class Recording:
     """YAML files that were read, which a drive.yaml must not overwrite."""
     labels_by: str | None = "DIR"
     """Placeholder of the values of --point-labels and --image-labels in messages; None if `semcal label` makes them."""
+    poses: Mapping[int, Pose] | None = None
+    """Poses (4, 4) of the LiDAR by their times in nanoseconds, ascending, which are written beside the drive.yaml."""
+    time_offset_s: float = 0.0
+    """Time by which images are later than their stamps say, in seconds."""
+    time_offset_sigma_s: float | None = None
+    """Its standard deviation, in seconds; None for the default of a drive."""
 
 
 def check_recording(recording: object, guard: Guard) -> Recording:

@@ -274,7 +274,8 @@ class DriveMotion(NamedTuple):
 def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     """Estimate the motion of the LiDAR in a drive of consecutive sweeps. One sweep is in memory at a time.
 
-    Sweeps whose points have no times are assumed to be deskewed to their stamp.
+    Sweeps whose points have no times, neither their own nor by the LiDAR's spin, are assumed to be deskewed to their
+    stamp.
 
     Raises:
         InputError: a frame has no stamp, a file cannot be read, or the sweeps are not consecutive.
@@ -291,7 +292,8 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     for number, (name, stamp_s) in enumerate(ordered, start=1):
         on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
         (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points)
-        times_s = cloud.time
+        spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
+        times_s = cloud.time if spun is None else spun
         if times_s is not None and np.nanmin(np.abs(times_s)) > MAX_SWEEP_S:
             is_absolute, times_s = True, times_s - stamp_s
         odometry.add(cloud.points, times_s, round(stamp_s * NS))

@@ -106,6 +106,11 @@ class LoadedDrive:
             notes.append(f"{self.num_copies} of {count} frames are copies of others and are left out")
         frames = self.first_cue.frame_observations
         motion = self.drive.motion
+        is_spinning = self.drive.lidar is not None and self.drive.lidar.spin is not None
+        if is_spinning and (motion is None or motion.speed_m_s):
+            notes.append(
+                "lidar.spin deskews no sweep, because the drive gives neither motion.poses nor motion.twist"
+            )
         is_stated = motion is not None and motion.point_times == "deskewed"
         if not is_stated and (num_rigid := sum(observed.is_rigid for observed in frames)):
             notes.append(

@@ -20,7 +20,7 @@ from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
-from semcal_cli.geometry.arrays import Array, Pose
+from semcal_cli.geometry.arrays import Array, Numbers, Pose
 from semcal_cli.geometry.poses import orthonormal, pose_from_quaternion
 from semcal_cli.observations.observations import LabelledCloud, Observations
 
@@ -56,8 +56,9 @@ class Compensated(NamedTuple):
 def compensated(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Compensated]:
     """Compensate the motion of the LiDAR in the sweep of each frame (see `rust/motion.rs`).
 
-    Points stay where they are if the drive has no motion with a direction. A cloud without times is taken as
-    compensated: all its points are where the LiDAR would have seen them at `points_stamp`.
+    Points stay where they are if the drive has no motion with a direction. Times that a cloud lacks follow from the
+    spin of the LiDAR. Where that is not stated, a cloud is taken as compensated: all its points are where the LiDAR
+    would have seen them at `points_stamp`.
 
     Raises:
         InputError: a frame has no stamps, times do not match the stamps, or the poses are invalid or do not cover the
@@ -69,7 +70,7 @@ def compensated(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Compensated]
     trajectory = None if motion.poses is None else read_trajectory(drive, motion.poses)
     moved = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
-        times = _times(drive, motion, frame, cloud)
+        times, is_rigid = _times(drive, motion, frame, cloud)
         moment = _moment(drive, frame)
         along = trajectory or _steady(motion, moment)
         try:
@@ -84,7 +85,6 @@ def compensated(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Compensated]
             )
         # The camera may look in any direction, so all points count.
         lag_s = math.sqrt(np.mean((times - moment) ** 2) + drive.camera.readout_s**2 / 12.0)
-        is_rigid = cloud.time is None or motion.point_times == "deskewed"
         moved.append(Compensated(points, twist_per_s, lag_s, is_rigid=is_rigid))
     return moved
 
@@ -148,12 +148,14 @@ def motion_error_px(drive: Drive, clouds: Sequence[SweepCloud]) -> float | None:
         return None
     shifts_px = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
-        times = cloud.time
+        spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
+        times = cloud.time if spun is None else spun
         if times is None or not MIN_SWEEP_S <= np.ptp(times) <= MAX_SWEEP_S:
             continue
         middle = 0.5 * (times.min() + times.max())
         if frame.points_stamp is not None and frame.image_stamp is not None:
-            zero = frame.points_stamp if motion.point_times == "relative" else 0.0
+            is_absolute = spun is None and motion.point_times == "absolute"
+            zero = 0.0 if is_absolute else frame.points_stamp
             moment = _moment(drive, frame) - zero
             middle = moment if abs(moment - middle) <= MAX_SWEEP_S else middle
         ranges_m = np.maximum(np.linalg.norm(cloud.points, axis=1), MIN_RANGE_M)
@@ -164,19 +166,23 @@ def motion_error_px(drive: Drive, clouds: Sequence[SweepCloud]) -> float | None:
 
 
 def have_times(clouds: Sequence[SweepCloud]) -> bool:
-    """Whether points have times that tell that a sweep took a while: a rig that moves meanwhile smears it."""
+    """Whether files have point times that tell that a sweep took a while: a rig that moves meanwhile smears it."""
     return any(cloud.time is not None and np.ptp(cloud.time) >= MIN_SWEEP_S for cloud in clouds)
 
 
-def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> npt.NDArray[np.float64]:
-    """Return the time of each point (N,), in seconds on the clock of the stamps."""
+def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> tuple[Numbers, bool]:
+    """Return the time of each point (N,), in seconds on the clock of the stamps, and whether the sweep is rigid."""
     path = drive.resolve(frame.points)
     if frame.points_stamp is None:
         raise InputError(
             f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed a time for the motion"
         )
-    if cloud.time is None or motion.point_times == "deskewed":
-        return np.full(len(cloud.points), frame.points_stamp)
+    spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
+    if motion.point_times == "deskewed" or (cloud.time is None and spun is None):
+        return np.full(len(cloud.points), frame.points_stamp), True
+    if spun is not None:
+        return spun + frame.points_stamp, False
+    assert cloud.time is not None
     times = cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0)
     first, last = cloud.time.min(), cloud.time.max()
     if last - first < MIN_SWEEP_S:
@@ -188,7 +194,7 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> npt
         found = f"found point times from {first:g} to {last:g} s after points_stamp"
         needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times is {motion.point_times}"
         raise InputError(f"{path}: {found}, {needed}")
-    return times
+    return times, False
 
 
 def _moment(drive: Drive, frame: Frame) -> float:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.config import EDGE_BAND_PX, MAX_BASELINE_M, StartsConfig
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.document import Lidar
+from semcal_cli.drive.lidar import Lidar
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.scenes import alike_frames, ranges_of

@@ -26,6 +26,7 @@ from semcal_cli import core
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, rotation_error_deg
+from semcal_cli.importing.kitti_motion import T_LIDAR_IMU
 from semcal_cli.importing.sweep_odometry import NS, Odometry, twist_from
 
 STREETS = ((5.0, 0.3, 0.0), (10.0, -0.2, 0.0), (15.0, 0.15, 0.0), (10.0, 0.2, 0.3))
@@ -33,15 +34,6 @@ STREETS = ((5.0, 0.3, 0.0), (10.0, -0.2, 0.0), (15.0, 0.15, 0.0), (10.0, 0.2, 0.
 NUM_LORRIES, LORRY_M, LORRY_TOP_M = 6, 4.0, 2.0
 """Lorries around the rig, their distance, and their height above the LiDAR."""
 EARTH_M = 6378137.0
-T_LIDAR_IMU = np.array(
-    [
-        [0.9999976, 7.553071e-4, -2.035826e-3, -0.8086759],
-        [-7.854027e-4, 0.9998898, -1.482298e-2, 0.3195559],
-        [2.024406e-3, 1.482454e-2, 0.9998881, -0.7997231],
-        [0.0, 0.0, 0.0, 1.0],
-    ]
-)
-"""KITTI's calib_imu_to_velo.txt of 2011-09-26."""
 
 
 def estimated(street: MovingStreet, hidden: float = 0.0) -> dict[int, Pose]:

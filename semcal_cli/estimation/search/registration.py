@@ -85,11 +85,11 @@ def register(
 
 
 def _grid(observations: Observations) -> core.Grid:
-    lidar = observations.lidar
-    if lidar is None:
+    pattern = None if observations.lidar is None else observations.lidar.pattern
+    if pattern is None:
         return core.estimate_grid([cloud.points for cloud in observations.clouds])
-    fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
-    grid = core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
+    fov_up, fov_down = np.radians([pattern.fov_up_deg, pattern.fov_down_deg]).tolist()
+    grid = core.scan_grid(pattern.channels, pattern.columns, fov_up, fov_down)
     columns = (cloud.points.T for cloud in observations.clouds)
     elevations = np.concatenate([np.arctan2(z, np.hypot(x, y)) for x, y, z in columns])
     bottom = grid.top - grid.rows * grid.cell_height

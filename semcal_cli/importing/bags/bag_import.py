@@ -142,7 +142,15 @@ class _Import:
                 self._check_replaced(candidates)
                 chosen = choose(candidates, request, self.trajectory, self.left_out)
                 written_frames = write_frames(
-                    chosen, spool, camera, self.topics, self.path.parent, self.on_event, refusals, self.write
+                    chosen,
+                    spool,
+                    camera,
+                    self.topics,
+                    self.path.parent,
+                    self.on_event,
+                    refusals,
+                    self.write,
+                    request.spin,
                 )
         except OSError as error:
             raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
@@ -162,6 +170,7 @@ class _Import:
                 self.left_out["pairs: no poses around them, or no point times"] += left
         recording = Recording(
             camera=camera,
+            lidar=None if request.spin is None else {"spin": request.spin.model_dump()},
             frames=frames,
             T_camera_lidar=T_camera_lidar,
             motion=motion,
@@ -245,7 +254,7 @@ class _Import:
                 continue
             with suppress(MessageError):
                 stamp_ns = message.received_ns if request.by_receipt else message.header_ns
-                sweep = read_sweep(message, stamp_ns)
+                sweep = read_sweep(message, stamp_ns, request.spin)
                 odometry.add(sweep.points, None if sweep.seconds is None else sweep.seconds.ravel(), stamp_ns)
         return odometry
 

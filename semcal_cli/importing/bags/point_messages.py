@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
 from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, NS, VELODYNE, Message, MessageError
@@ -60,7 +61,8 @@ class Sweep(NamedTuple):
     times: PointTimes
     """Times of its points."""
     seconds: Numbers | None = None
-    """(height, width) times of its points after the stamp; None without times on the clock of the header."""
+    """(height, width) times of its points after the stamp; None without times on the clock of the header. Those by the
+    spin of the LiDAR are in no field."""
 
     @property
     def points(self) -> Points:
@@ -89,12 +91,13 @@ class Sweep(NamedTuple):
         return text.encode() + b"\n" + self.records.tobytes()
 
 
-def read_sweep(message: Message, stamp_ns: int) -> Sweep:
+def read_sweep(message: Message, stamp_ns: int, spin: Spin | None = None) -> Sweep:
     """Read a PointCloud2, a Livox CustomMsg or a VelodyneScan.
 
     Args:
         message: The message.
         stamp_ns: Time of the sweep, which its points' times refer to.
+        spin: How the LiDAR turns, which gives the times of points that have none.
 
     Raises:
         MessageError: the message is damaged, contradicts itself or has no point with a range.
@@ -111,7 +114,15 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
     has_range = _has_range(records)
     if not has_range.any():
         raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
-    return _with_readable_times(records, has_range, stamp_ns)
+    sweep = _with_readable_times(records, has_range, stamp_ns)
+    if spin is None or sweep.times.reference is not None:
+        return sweep
+    seconds = spin.times(sweep.points).reshape(records.shape)
+    times = PointTimes("relative", _ends(seconds[has_range]))
+    if (name := _time_field(records)) is None:
+        return sweep._replace(times=times, seconds=seconds)
+    remark = f"the point times {name!r} do not tell the time: those by --spin are written as 't' instead"
+    return Sweep(_with_times(records, name, seconds), times._replace(remark=remark), seconds)
 
 
 def _count(field: np.dtype[Any]) -> int:
@@ -243,9 +254,8 @@ def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_n
     reader knows, become seconds relative to the stamp, as float64, under the name `t`. Points without a range often
     have no time either and are ignored.
     """
-    name_by_lower = {name.lower(): name for name in reversed(records.dtype.names or ())}
-    name = next((name_by_lower[key] for key in TIMES if key in name_by_lower), None)
-    if name is None or _count(records.dtype[name]) > 1:
+    name = _time_field(records)
+    if name is None:
         return Sweep(records, PointTimes())
     time_fields = [field for field in records.dtype.names or () if field.lower() in (name.lower(), "t")]
     if len(time_fields) > 1:
@@ -276,6 +286,13 @@ def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_n
         return Sweep(records, PointTimes("absolute" if shift else "relative", ends_s), seconds)
     remark = f"{subject}, {spans[0]}, are written as 't', seconds after the sweep's stamp"
     return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
+
+
+def _time_field(records: npt.NDArray[np.void]) -> str | None:
+    """Name the field of the times; None without one."""
+    name_by_lower = {name.lower(): name for name in reversed(records.dtype.names or ())}
+    name = next((name_by_lower[key] for key in TIMES if key in name_by_lower), None)
+    return None if name is None or _count(records.dtype[name]) > 1 else name
 
 
 def _ends(values: Array) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
+from semcal_cli.drive.lidar import Spin
 from semcal_cli.events import Listener, Progress
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import image_file
@@ -55,6 +56,7 @@ def write_frames(
     on_event: Listener,
     left_out: Counter[str],
     write: Callable[[bytes, Path], None],
+    spin: Spin | None = None,
 ) -> list[WrittenFrame]:
     """Write the files of frames, two at a time, in order of time.
 
@@ -67,6 +69,7 @@ def write_frames(
         on_event: Called with each event.
         left_out: Counts the pairs that cannot be used, by reason.
         write: Writes the content of a file to its path.
+        spin: How the LiDAR turns, which gives the times of points that have none.
 
     Raises:
         InputError: a file cannot be written.
@@ -74,7 +77,7 @@ def write_frames(
 
     def written_frame(candidate: SpooledPair) -> WrittenFrame | MessageError:
         try:
-            return _write_frame(candidate, spool, camera, topics, folder, write)
+            return _write_frame(candidate, spool, camera, topics, folder, write, spin)
         except MessageError as error:
             return error
 
@@ -115,7 +118,7 @@ def write_motion(
     if 2 * min(num_timed, len(covered)) < len(written):
         reason = "there are no poses around most frames"
         if 2 * num_timed < len(written):
-            reason = "most points have no times for deskewing"
+            reason = "most points have no times for deskewing, see --spin"
         return None, [frame.source for frame in written], f"{remark}, but {reason}; no motion is written"
     # The poses depend on the chosen frames, so the file belongs to this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"
@@ -133,10 +136,11 @@ def _write_frame(
     topics: Topics,
     folder: Path,
     write: Callable[[bytes, Path], None],
+    spin: Spin | None,
 ) -> WrittenFrame:
     pair = candidate.pair
     sweep_message, image_message = spool.get(candidate)
-    sweep = read_sweep(sweep_message, pair.sweep_ns)
+    sweep = read_sweep(sweep_message, pair.sweep_ns, spin)
     file = image_file(image_message)
     needed = camera["width"], camera["height"]
     if file.size != needed:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import InputError, check_installed, listed
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.messages import (
@@ -58,6 +59,8 @@ class BagRequest:
     """Frame whose poses that topic holds; None for the one that its messages name."""
     odometry: bool = False
     """Whether the motion is estimated from the sweeps if no topic states it."""
+    spin: Spin | None = None
+    """How the LiDAR turns, which gives the times of points that have none."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,97 @@
+"""The LiDAR of a drive: its scan pattern, and how it turns, which tells when it measured each point.
+
+A laser that points a few degrees beside the direction in which the LiDAR faces, as some of an HDL-64E do, is off by
+one or two milliseconds.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from semcal_cli.errors import mismatch
+from semcal_cli.files.array_forms import SweepCloud
+from semcal_cli.files.validation import StrictModel
+from semcal_cli.geometry.arrays import Numbers, Points
+
+ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
+SHARES = {"start": 0.0, "middle": 0.5, "end": 1.0}
+"""Share of a sweep that has passed at each moment that a stamp may state."""
+
+
+class Spin(StrictModel):
+    """How a LiDAR turns about its z axis: the azimuth of a point tells when it was measured."""
+
+    rate_hz: Annotated[float, Field(ge=1.0, le=100.0)]
+    """Turns per second."""
+    clockwise: bool
+    """Whether it turns clockwise as seen from above, where z points at the viewer."""
+    seam_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    """Azimuth at which each sweep begins and ends, in degrees, counter-clockwise from the x axis."""
+    stamp: Literal["start", "middle", "end"] = "middle"
+    """Moment of a sweep that `points_stamp` states. In the middle, the LiDAR faces away from the seam."""
+
+    def times(self, points: Points) -> Numbers:
+        """Compute when the LiDAR faced points (N, 3), LiDAR frame, in seconds (N,) after the stamp of their sweep."""
+        azimuths = np.arctan2(points[:, 1], points[:, 0], dtype=np.float64)
+        turns = (azimuths - np.radians(self.seam_deg)) / (-2.0 * np.pi if self.clockwise else 2.0 * np.pi)
+        times: Numbers = (turns % 1.0 - SHARES[self.stamp]) / self.rate_hz
+        return times
+
+
+class ScanPattern(NamedTuple):
+    """Where the beams of a spinning LiDAR point."""
+
+    channels: int
+    columns: int
+    fov_up_deg: float
+    fov_down_deg: float
+
+
+class Lidar(StrictModel):
+    """The scan pattern of a spinning LiDAR, how it turns, or both."""
+
+    channels: Annotated[int, Field(ge=2, le=4096)] | None = None
+    """Number of beams, which is the number of rows of the range image."""
+    columns: Annotated[int, Field(ge=4, le=0xFFFF)] | None = None
+    """Number of firings per turn."""
+    fov_up_deg: ElevationDeg | None = None
+    """Elevation of the highest beam, in degrees."""
+    fov_down_deg: ElevationDeg | None = None
+    """Elevation of the lowest beam, in degrees, negative below the horizon."""
+    spin: Spin | None = None
+    """How the LiDAR turns, which gives the times of points whose files have none."""
+
+    @field_validator("fov_down_deg")
+    @classmethod
+    def _check_order(cls, fov_down_deg: float | None, info: ValidationInfo) -> float | None:
+        fov_up_deg = info.data.get("fov_up_deg")
+        if fov_down_deg is not None and fov_up_deg is not None and fov_down_deg >= fov_up_deg:
+            raise mismatch(fov_down_deg, f"less than fov_up_deg, {fov_up_deg}")
+        return fov_down_deg
+
+    @model_validator(mode="after")
+    def _check_pattern(self) -> Lidar:
+        found = [key for key in ScanPattern._fields if getattr(self, key) is not None]
+        if self.pattern is None and (found or self.spin is None):
+            needed = f"{', '.join(ScanPattern._fields)} together{'' if self.spin else ', or spin'}"
+            raise mismatch(" and ".join(found) or "nothing", needed)
+        return self
+
+    @property
+    def pattern(self) -> ScanPattern | None:
+        """The scan pattern; None if only the spin is stated."""
+        values = self.channels, self.columns, self.fov_up_deg, self.fov_down_deg
+        return None if None in values else ScanPattern(*values)  # type: ignore[arg-type]
+
+    def times_of(self, cloud: SweepCloud) -> Numbers | None:
+        """Compute the times of the points of a sweep (N,), seconds after its stamp, from their azimuths.
+
+        Returns:
+            None if the file has times, unless these are all alike, or if the spin is not stated.
+        """
+        if self.spin is None or (cloud.time is not None and np.ptp(cloud.time) != 0.0):
+            return None
+        return self.spin.times(cloud.points)
