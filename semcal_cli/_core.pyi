@@ -764,7 +764,7 @@ def information_along(
 def project_points(
     camera: Camera, points: _Float32, t_camera_lidar: _Float64, origin_m: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> Projected:
-    """Project points (N, 3), metres, LiDAR frame, whose rays start at `origin_m`; flag those that nearer ones occlude."""
+    """Project points (N, 3), metres, LiDAR frame, and flag those that nearer ones occlude. Rays start at `origin_m`."""
 
 def unroll(
     camera: Camera,

@@ -1,25 +1,31 @@
 """The origin of the LiDAR's frame is arbitrary: moving it changes no pose in the world, and nothing that is said of it.
 
-Rays start at the origin, so what a sweep shows is observed first; then points, start and truth move alike.
+What a sweep shows depends on where its rays start, which moves as well; so do points, start and truth.
 """
 
+import re
+import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import edited
 from laboratory.raw_drive import RawDrive
 
 from semcal_cli import core
 from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.families import check_consistency
 from semcal_cli.checks.focal_length import WRONG_FOCAL_LENGTH
+from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.moved_camera import check_frames
 from semcal_cli.checks.other_azimuth import OTHER_AZIMUTH
 from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, CueName, RefinementConfig
 from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.lidar import Lidar
 from semcal_cli.estimation.adjust.frame_offsets import FAR_PYRAMID, fit_part
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.arrays import Pose
@@ -66,7 +72,7 @@ def moved(observations: Observations) -> Observations:
     elsewhere = observations.with_clouds(cloud.with_points(cloud.points + shift) for cloud in clouds)
     for before, after in zip(clouds, elsewhere.clouds, strict=True):
         np.testing.assert_array_equal(after.points - shift, before.points)
-    return elsewhere
+    return replace(elsewhere, lidar=Lidar(origin_m=tuple(SHIFT_M.tolist())))
 
 
 def assert_same(T_far: Pose, T_near: Pose) -> None:
@@ -139,7 +145,7 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> set[tuple[float, int]]:
     made, seen = core.Observations, set[tuple[float, int]]()
 
     def spy(*arguments: Any) -> core.Observations:
-        *_, max_baseline_m, edge_band_px, _ = arguments
+        *_, max_baseline_m, edge_band_px, _, _ = arguments
         seen.add((max_baseline_m, edge_band_px))
         return made(*arguments)
 
@@ -213,3 +219,45 @@ def test_all_solvers_of_a_calibration_get_its_settings(
     record = result.model_copy(update={"settings": wrong})
     shown = make_report_input(read_drive(street), "c.yaml", result.T_camera_lidar, record).observations
     assert shown.max_baseline_m == MAX_BASELINE_M
+
+
+ROOF_M = np.array([1.2, -0.3, 1.7], np.float32)
+
+
+@pytest.fixture
+def vehicle(street: Path, tmp_path: Path) -> Path:
+    """The street in the frame of a vehicle, whose LiDAR is on the roof."""
+    folder = tmp_path / "drive"
+    shutil.copytree(street, folder)
+    for path in (folder / "points").iterdir():
+        columns = np.fromfile(path, np.float32).reshape(-1, 4)
+        is_return = columns[:, :3].any(axis=1)
+        columns[is_return, :3] += ROOF_M
+        columns.tofile(path)
+    return folder
+
+
+def stating(drive: Path, origin_m: Sequence[float]) -> Path:
+    with edited(drive) as document:
+        document["lidar"] = {"origin_m": [*origin_m]}
+    return drive
+
+
+def test_the_origin_is_found_from_the_points_and_stated(vehicle: Path) -> None:
+    (said,) = (text for text in inspect(read_drive(vehicle)).suspicions if "origin_m" in text)
+    (line,) = re.findall(r"`lidar: {origin_m: \[(.*?)\]}`", said)
+    origin_m = [float(number) for number in line.split(", ")]
+    np.testing.assert_allclose(origin_m, ROOF_M, atol=0.3)
+    stated = read_drive(stating(vehicle, origin_m))
+    assert not any("origin_m" in text for text in inspect(stated).suspicions)
+
+
+def test_edges_are_those_seen_from_where_rays_start(street: Path, vehicle: Path) -> None:
+    near = load(street, CalibrationConfig(cues=("edges",))).observations
+    stated = stating(vehicle, ROOF_M.tolist())
+    far = load(stated, CalibrationConfig(cues=("edges",))).observations
+    for before, after in zip(near.clouds, far.clouds, strict=True):
+        # Coordinates are rounded once more, so that a few steps are on the other side of a limit.
+        assert np.mean(before.classes != after.classes) < 1e-3
+        same = before.classes == after.classes
+        np.testing.assert_allclose(after.points[same] - ROOF_M, before.points[same], atol=1e-3)

@@ -24,6 +24,7 @@ from semcal_cli.checks.seam import check_seam
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.stamp_gap import check_gap
 from semcal_cli.checks.sweep_motion import check_readout, check_sweep_motion, has_direction
+from semcal_cli.checks.wrong_origin import check_origin
 from semcal_cli.config import MAX_FRAMES
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
@@ -115,7 +116,7 @@ def inspect(drive: Drive) -> DriveReport:
     ]
     probed = with_frames(drive, evenly_spaced(readable, NUM_PROBED))
     clouds = read_clouds(probed)
-    points = [cloud.points for cloud in clouds]
+    points = [drive.rays(cloud.points) for cloud in clouds]
     few = _loaded(probed)
     motion = report_motion(drive)
     num_scenes = len(set(alike_frames([ranges[index] for index in readable])))
@@ -144,6 +145,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_sentences(check_class_names(point_names, pixel_names)),
             *motion.suspicions,
             *_sentences(check_sweep_motion(motion_error_px(probed, clouds))),
+            *_sentences(check_origin(drive, points)),
             *_sentences(check_readout(drive, points)),
             *_sentences(() if few is None else check_mirroring(few)),
             *_sentences(_check_labels(with_frames(drive, evenly_spaced(labelled, MAX_FRAMES)))),
@@ -176,12 +178,12 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
     try:
         (cloud,) = read_clouds(alone)
         num_points, num_no_returns = len(cloud.points), cloud.num_no_returns
-        ranges = nearest_ranges(cloud.points)
+        ranges = nearest_ranges(drive.rays(cloud.points))
         labels = cloud.labels if cloud.label_shares is None else cloud.label_shares
         if labels is not None:
             point_classes, points_ignored = count_labels(drive, "points", labels)
         else:
-            kinds = kinds_of_segments(cloud.points)
+            kinds = kinds_of_segments(drive.rays(cloud.points))
     except InputError as error:
         errors.append(str(error))
     if frame.image_labels is not None:

@@ -81,7 +81,7 @@ def _joints(observations: Observations, T_camera_lidar: Pose) -> tuple[Numbers, 
     camera, counts = core_camera(observations.camera), np.zeros((2, NO_CLASS + 1, NO_CLASS + 1))
     height, width = observations.images[0].classes.shape
     for cloud, image in zip(observations.clouds, observations.images, strict=True):
-        projected = core.project_points(camera, cloud.points, T_camera_lidar)
+        projected = core.project_points(camera, cloud.points, T_camera_lidar, observations.origin_m)
         is_seen = np.isfinite(projected.ranges)
         column, row = np.rint(projected.pixels[is_seen]).astype(np.int64).T
         pixels = image.classes[row.clip(0, height - 1), column.clip(0, width - 1)]

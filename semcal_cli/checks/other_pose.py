@@ -60,7 +60,7 @@ SPREAD_DEG, SPREAD_M = 3.0, 0.3
 """Mean distance of their starts from the pose; the nearest have half of it, and the farthest one and a half."""
 BLOCKS_DEG, FINER = 0.9, 4
 """Blocks of the first level of an ascent; those of the second are finer by this factor."""
-CONFIG = ExactConfig(steps=40, max_points=6_000)
+CONFIG = ExactConfig(steps=40, max_points=10_000)
 
 
 def check_rivals(

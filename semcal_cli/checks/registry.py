@@ -46,6 +46,7 @@ from semcal_cli.checks import (
     wide_interval,
     wrong_clocks,
     wrong_intrinsics,
+    wrong_origin,
     wrong_pairing,
 )
 from semcal_cli.findings.check import Check
@@ -106,6 +107,7 @@ ALL_CHECKS: tuple[Check, ...] = (
     motion_report.NO_MOTION,
     motion_report.SAME_MOTION,
     seam.SEAM,
+    wrong_origin.WRONG_ORIGIN,
     sweep_motion.SWEEP_MOTION,
     sweep_motion.OPEN_SHUTTER,
     mirrored_clouds.MIRRORED_CLOUDS,

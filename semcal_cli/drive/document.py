@@ -27,6 +27,7 @@ from semcal_cli.files.validation import (
     length,
     validate,
 )
+from semcal_cli.geometry.arrays import Points
 
 DRIVE_FILE = "drive.yaml"
 RIG_FILE = "rig.yaml"
@@ -163,7 +164,7 @@ class Drive(StrictModel):
     camera: Camera
     """Camera of the drive. Its intrinsics are assumed to be right unless they are estimated together with the pose."""
     lidar: Lidar | None = None
-    """Scan pattern of the LiDAR, estimated from the points if absent, and how the LiDAR turns."""
+    """Scan pattern of the LiDAR, estimated from the points if absent, where its rays start, and how it turns."""
     frames: Annotated[tuple[Frame, ...], length(1)]
     """Frames of one rig."""
     ignore: Ignore = Ignore()
@@ -252,6 +253,10 @@ class Drive(StrictModel):
     def resolve(self, relative: str) -> Path:
         """Locate a file of the drive. Absolute names stay as they are; neither `~` nor `$VAR` is expanded."""
         return self.root / relative
+
+    def rays(self, points: Points) -> Points:
+        """Compute the vectors (N, 3) from where the LiDAR's rays start to points (N, 3), metres, LiDAR frame."""
+        return points if self.lidar is None else self.lidar.rays(points)
 
     def name_of(self, frame: Frame, key: str, needed: str) -> str:
         """Return the name of a file, or of an array, that a frame must have.

@@ -1,4 +1,4 @@
-"""The LiDAR of a drive: its scan pattern, and how it turns, which tells when it measured each point.
+"""The LiDAR of a drive: its scan pattern, where its rays start, and how it turns, which tells when it measured a point.
 
 A laser that points a few degrees beside the direction in which the LiDAR faces, as some of an HDL-64E do, is off by
 one or two milliseconds.
@@ -13,10 +13,11 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.errors import mismatch
 from semcal_cli.files.array_forms import SweepCloud
-from semcal_cli.files.validation import StrictModel
+from semcal_cli.files.validation import StrictModel, length
 from semcal_cli.geometry.arrays import Numbers, Points
 
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
+Coordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
 SHARES = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Share of a sweep that has passed at each moment that a stamp may state."""
 
@@ -34,7 +35,7 @@ class Spin(StrictModel):
     """Moment of a sweep that `points_stamp` states. In the middle, the LiDAR faces away from the seam."""
 
     def times(self, points: Points) -> Numbers:
-        """Compute when the LiDAR faced points (N, 3), LiDAR frame, in seconds (N,) after the stamp of their sweep."""
+        """Compute when the LiDAR faced points (N, 3), from where its rays start, in seconds (N,) after their stamp."""
         azimuths = np.arctan2(points[:, 1], points[:, 0], dtype=np.float64)
         turns = (azimuths - np.radians(self.seam_deg)) / (-2.0 * np.pi if self.clockwise else 2.0 * np.pi)
         times: Numbers = (turns % 1.0 - SHARES[self.stamp]) / self.rate_hz
@@ -51,7 +52,7 @@ class ScanPattern(NamedTuple):
 
 
 class Lidar(StrictModel):
-    """The scan pattern of a spinning LiDAR, how it turns, or both."""
+    """The scan pattern of a LiDAR, where its rays start, how it turns, or several of these."""
 
     channels: Annotated[int, Field(ge=2, le=4096)] | None = None
     """Number of beams, which is the number of rows of the range image."""
@@ -61,6 +62,8 @@ class Lidar(StrictModel):
     """Elevation of the highest beam, in degrees."""
     fov_down_deg: ElevationDeg | None = None
     """Elevation of the lowest beam, in degrees, negative below the horizon."""
+    origin_m: Annotated[tuple[Coordinate, ...], length(3, 3)] = (0.0, 0.0, 0.0)
+    """Where the rays start, in metres, LiDAR frame. Not zero if points are in the frame of a vehicle."""
     spin: Spin | None = None
     """How the LiDAR turns, which gives the times of points whose files have none."""
 
@@ -75,14 +78,15 @@ class Lidar(StrictModel):
     @model_validator(mode="after")
     def _check_pattern(self) -> Lidar:
         found = [key for key in ScanPattern._fields if getattr(self, key) is not None]
-        if self.pattern is None and (found or self.spin is None):
-            needed = f"{', '.join(ScanPattern._fields)} together{'' if self.spin else ', or spin'}"
+        is_enough = self.spin is not None or "origin_m" in self.model_fields_set
+        if self.pattern is None and (found or not is_enough):
+            needed = f"{', '.join(ScanPattern._fields)} together{'' if is_enough else ', origin_m, or spin'}"
             raise mismatch(" and ".join(found) or "nothing", needed)
         return self
 
     @property
     def pattern(self) -> ScanPattern | None:
-        """The scan pattern; None if only the spin is stated."""
+        """The scan pattern; None if it is not stated."""
         values = self.channels, self.columns, self.fov_up_deg, self.fov_down_deg
         return None if None in values else ScanPattern(*values)  # type: ignore[arg-type]
 
@@ -94,4 +98,8 @@ class Lidar(StrictModel):
         """
         if self.spin is None or (cloud.time is not None and np.ptp(cloud.time) != 0.0):
             return None
-        return self.spin.times(cloud.points)
+        return self.spin.times(self.rays(cloud.points))
+
+    def rays(self, points: Points) -> Points:
+        """Compute the vectors (N, 3) from where the rays start to points (N, 3), metres."""
+        return points if not any(self.origin_m) else points - np.asarray(self.origin_m, np.float32)

@@ -144,6 +144,11 @@ class Observations:
     """Pixels closer than this to another class count a tenth."""
 
     @property
+    def origin_m(self) -> tuple[float, ...]:
+        """Where the rays of the LiDAR start (3,), metres, LiDAR frame."""
+        return (0.0, 0.0, 0.0) if self.lidar is None else self.lidar.origin_m
+
+    @property
     def num_frames(self) -> int:
         """Number of frames of the drive: pairs of sweep and image."""
         return len(self.frame_observations) // self.num_cues
@@ -295,5 +300,6 @@ class Observations:
             len(self.image_class_names),
             self.max_baseline_m,
             self.edge_band_px,
+            self.origin_m,
             self.by_classes,
         )

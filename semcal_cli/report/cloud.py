@@ -131,7 +131,10 @@ def sweep_cloud(views: Sequence[SweepView]) -> CloudInView:
     for number, view in reversed(list(enumerate(views))):
         # Each camera sees the sweep at the moment of its own image.
         own_points = view.observations.clouds[0].points if view.is_of_sweep else points
-        projected = points_in_image(own_points, view.T_camera_lidar, view.observations.camera)
+        observations = view.observations
+        projected = points_in_image(
+            own_points, view.T_camera_lidar, observations.camera, observations.origin_m
+        )
         is_seen[projected.indices[~projected.is_hidden]] = True
         visible = choose_evenly(~projected.is_hidden, MAX_VISIBLE // len(views))
         indices = projected.indices[visible]
@@ -164,7 +167,7 @@ def frame_cloud(report: ReportInput) -> CloudInView:
     observations, T, frames = report.observations, report.T_camera_lidar, report.drive.frames
     number = next((i for i, frame in enumerate(frames) if frame.image is not None), 0)
     points, classes = observations.clouds[number].points, observations.clouds[number].classes
-    projected = points_in_image(points, T, observations.camera)
+    projected = points_in_image(points, T, observations.camera, observations.origin_m)
     is_seen = np.zeros(len(points), np.bool_)
     is_seen[projected.indices[~projected.is_hidden]] = True
     visible = choose_evenly(~projected.is_hidden, MAX_VISIBLE)

@@ -39,9 +39,17 @@ class ProjectedPoints(NamedTuple):
         return np.rint(self.positions).astype(np.intp)
 
 
-def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> ProjectedPoints:
-    """Find the points (N, 3), metres, LiDAR frame, that project into the image, and mark the hidden ones among them."""
-    projected = core.project_points(core_camera(camera), points, T_camera_lidar)
+def points_in_image(
+    points: npt.NDArray[np.float32],
+    T_camera_lidar: Pose,
+    camera: Camera,
+    origin_m: Sequence[float] = (0.0, 0.0, 0.0),
+) -> ProjectedPoints:
+    """Find the points (N, 3), metres, LiDAR frame, that project into the image, and mark the hidden ones among them.
+
+    Their rays start at `origin_m` (3,), LiDAR frame.
+    """
+    projected = core.project_points(core_camera(camera), points, T_camera_lidar, origin_m)
     indices = np.flatnonzero(np.isfinite(projected.ranges))
     indices = indices[np.argsort(-projected.ranges[indices], kind="stable")]
     return ProjectedPoints(
@@ -58,7 +66,9 @@ class View(NamedTuple):
     def project_frame(self, frame: int) -> ProjectedPoints:
         """Find the points of a frame in its image, each at the moment its row is exposed."""
         points = points_at(self.observations, frame, self.T_camera_lidar)
-        return points_in_image(points, self.T_camera_lidar, self.observations.camera)
+        return points_in_image(
+            points, self.T_camera_lidar, self.observations.camera, self.observations.origin_m
+        )
 
     def agreement(self) -> core.Agreement:
         """Count the pairs of classes of visible points and of their pixels in all frames."""

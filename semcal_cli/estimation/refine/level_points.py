@@ -141,7 +141,9 @@ class FeaturePoints:
         self.y = torch.from_numpy(np.concatenate([pixels.reshape(-1, channels) for pixels in maps]))
         points, x, frames = [], [], []
         for frame, (cloud, (point_vectors, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
-            projected = core.project_points(core_camera(observations.camera), cloud.points, anchor)
+            projected = core.project_points(
+                core_camera(observations.camera), cloud.points, anchor, observations.origin_m
+            )
             is_visible = np.isfinite(projected.ranges) & ~(projected.is_hidden & visible_only)
             points.append(cloud.points[is_visible])
             x.append(point_vectors[is_visible])

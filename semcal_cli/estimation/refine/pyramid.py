@@ -29,7 +29,6 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
 
-
 @dataclass(frozen=True)
 class Level:
     """End of a level of the pyramid."""

@@ -43,7 +43,7 @@ def register(
         config: Settings of the search.
         seed: Seed of the choice of correspondences.
         around: T_camera_lidar (4, 4) and an angle in radians. Only rotations within the angle are searched, and the
-            spherical images are centred at the camera.
+            spherical images are centred at the camera, otherwise where the rays start.
 
     Returns:
         Candidates, sorted by the mutual information of their placement, best first.
@@ -52,7 +52,7 @@ def register(
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points are not in the field of view of the drive's `lidar:` block.
     """
-    center = np.zeros(3) if around is None else camera_center(around[0])
+    center = np.array(observations.origin_m) if around is None else camera_center(around[0])
     grid = _grid(observations)
     if center.any():  # directions are measured from there
         observations = observations.with_clouds(
@@ -85,12 +85,13 @@ def register(
 
 
 def _grid(observations: Observations) -> core.Grid:
+    origin = np.asarray(observations.origin_m, np.float32)
     pattern = None if observations.lidar is None else observations.lidar.pattern
     if pattern is None:
-        return core.estimate_grid([cloud.points for cloud in observations.clouds])
+        return core.estimate_grid([cloud.points - origin for cloud in observations.clouds])
     fov_up, fov_down = np.radians([pattern.fov_up_deg, pattern.fov_down_deg]).tolist()
     grid = core.scan_grid(pattern.channels, pattern.columns, fov_up, fov_down)
-    columns = (cloud.points.T for cloud in observations.clouds)
+    columns = ((cloud.points - origin).T for cloud in observations.clouds)
     elevations = np.concatenate([np.arctan2(z, np.hypot(x, y)) for x, y, z in columns])
     bottom = grid.top - grid.rows * grid.cell_height
     outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))

@@ -9,7 +9,7 @@ weights them by the data. Edges between rings are left out: they are half a ring
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, name_in_errors
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.geometry.arrays import ClassIds, Mask, Values
+from semcal_cli.geometry.arrays import ClassIds, Mask, Points, Values
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.intensity import grey_values, lens_mask, surroundings
 from semcal_cli.observations.motion import compensated
@@ -82,7 +82,7 @@ def observe_edges(
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
-    edges = edges_of_sweeps(clouds, config)
+    edges = edges_of_sweeps(clouds, config, drive.rays)
     if not any((classes[classes != NO_CLASS] != NO_EDGE).any() for classes in edges.classes):
         raise CalibrationError(
             f"{drive.path}: found no edges in any sweep, needed steps in range or intensity"
@@ -131,13 +131,18 @@ class SweepEdges(NamedTuple):
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
 
 
-def edges_of_sweeps(clouds: Sequence[SweepCloud], config: EdgesConfig = EDGES) -> SweepEdges:
-    """Find the edges of sweeps, in the order of the scan."""
+def edges_of_sweeps(
+    clouds: Sequence[SweepCloud],
+    config: EdgesConfig = EDGES,
+    rays: Callable[[Points], Points] = lambda points: points,
+) -> SweepEdges:
+    """Find the edges of sweeps, in the order of the scan; `rays` finds their vectors from where they start."""
+    points = [rays(cloud.points) for cloud in clouds]
     of_clouds = [cloud.intensity for cloud in clouds]
     columns = [np.nan_to_num(values.astype(np.float32)) for values in of_clouds if values is not None]
     has_intensity = len(columns) == len(clouds)
     intensities = columns if has_intensity else [None] * len(clouds)
-    steps = core.edge_steps([cloud.points for cloud in clouds], intensities, config.same_surface_m)
+    steps = core.edge_steps(points, intensities, config.same_surface_m)
     limits: list[float] = []
     if has_intensity:
         values = np.concatenate([sweep.intensity for sweep in steps if sweep.intensity is not None])
@@ -150,8 +155,8 @@ def edges_of_sweeps(clouds: Sequence[SweepCloud], config: EdgesConfig = EDGES) -
         *(f"range step {level + 1}" for level in range(len(config.range_steps_m))),
     ]
     classes, to_steps_m = [], []
-    for cloud, sweep in zip(clouds, steps, strict=True):
-        of_points = _classes(cloud, sweep, limits, config)
+    for of_sweep, sweep in zip(points, steps, strict=True):
+        of_points = _classes(np.linalg.norm(of_sweep, axis=1), sweep, limits, config)
         is_edge = (of_points != NO_CLASS) & (of_points != NO_EDGE)
         steps_in_range = is_edge & (of_points > len(limits))
         to_steps = np.where(steps_in_range[:, None], sweep.to_range_step_m, sweep.to_intensity_step_m)
@@ -160,12 +165,12 @@ def edges_of_sweeps(clouds: Sequence[SweepCloud], config: EdgesConfig = EDGES) -
     return SweepEdges(classes, to_steps_m, names, float(np.median([sweep.spacing for sweep in steps])))
 
 
-def _classes(cloud: SweepCloud, steps: core.Steps, limits: Sequence[float], config: EdgesConfig) -> ClassIds:
+def _classes(ranges_m: Values, steps: core.Steps, limits: Sequence[float], config: EdgesConfig) -> ClassIds:
     classes = np.full(len(steps.range_m), NO_EDGE, np.uint8)
     if steps.intensity is not None:
         for level, limit in enumerate(limits):
             classes[steps.intensity > limit] = level + 1
-    allowed = config.range_share * np.linalg.norm(cloud.points, axis=1)
+    allowed = config.range_share * ranges_m
     for level, step_m in enumerate(config.range_steps_m):
         classes[steps.range_m > step_m + allowed] = len(limits) + level + 1
     num_plain = max(int(config.plain_per_edge * np.sum(classes != NO_EDGE)), 1)

@@ -80,10 +80,11 @@ def observe_segments(
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
     points = [sweep.points for sweep in moved]
-    segmented = core.segment_sweeps(points, config.segmentation)
+    rays = [drive.rays(of_sweep) for of_sweep in points]
+    segmented = core.segment_sweeps(rays, config.segmentation)
     if not any(sweep.num_segments for sweep in segmented):
         raise CalibrationError(f"{drive.path}: found no segments in any sweep, needed ground or objects")
-    partitions = core.turned_partitions(points, segmented, config.num_turns)
+    partitions = core.turned_partitions(rays, segmented, config.num_turns)
     labelled = []
     for in_sweep, sweep, partition in zip(points, segmented, partitions, strict=True):
         # The last kind is for points without a segment.
