@@ -1,5 +1,6 @@
 """Point clouds: real files, and the same little cloud in every format."""
 
+import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +13,10 @@ from hypothesis import given, strategies as st
 from plyfile import PlyData, PlyElement
 
 from semcal_cli import core
+from semcal_cli.config.point_files import PointColumn, PointForm, PointType
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.files.image_files import read_image
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.observations.reading import read_observations
 
@@ -342,3 +345,70 @@ def test_a_las_that_promises_too_much_is_refused_at_once(
     with pytest.raises(InputError) as error:
         read(path)
     assert str(error.value).startswith(f"{path}: {complaint}")
+
+
+def a_sweep(num_columns: int) -> np.ndarray:
+    """Points of a street in no order, with further columns from 0 to 1."""
+    generator = np.random.default_rng(0)
+    return np.column_stack(
+        [
+            generator.normal(0.0, 20.0, 2000),
+            generator.normal(0.0, 6.0, 2000),
+            generator.uniform(-2.0, 1.0, 2000),
+            generator.uniform(0.0, 1.0, (2000, num_columns - 3)),
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "num_columns", "kind", "needed"),
+    [
+        ("a.bin", 3, "f4", "point_columns: [x, y, z] in drive.yaml (--point-columns x,y,z at import)"),
+        ("a.bin", 5, "f4", "point_columns: [x, y, z, _, _] in"),
+        ("a.bin", 6, "f4", "point_columns: [x, y, z, _, _, _] in"),
+        ("a.bin", 8, "f4", "point_columns: [x, y, z, _, _, _, _, _] in"),
+        ("a.bin", 3, "f8", "point_columns: [x, y, z], point_type: f8 in"),
+        ("a.bin", 4, "f8", "point_columns: [x, y, z, _], point_type: f8 in"),
+        ("a.pcd.bin", 4, "f4", "point_columns: [x, y, z, _] in"),
+    ],
+)
+def test_other_columns_are_refused_until_they_are_stated(
+    name: str, num_columns: int, kind: PointType, needed: str, tmp_path: Path
+) -> None:
+    path, rows = tmp_path / name, a_sweep(num_columns).astype(f"<{kind}")
+    rows.tofile(path)
+    with pytest.raises(InputError, match=re.escape(needed)):
+        read(path)
+    columns: list[PointColumn] = ["x", "y", "z", *["_"] * (num_columns - 3)]
+    if num_columns > 3:
+        columns[-1] = "intensity"
+    (cloud,) = read_point_clouds([(path, None)], form=PointForm(tuple(columns), kind))
+    np.testing.assert_array_equal(cloud.points, rows[:, :3].astype(np.float32))
+    if num_columns > 3:
+        np.testing.assert_array_equal(cloud.intensity, rows[:, -1].astype(np.float32))
+
+
+def test_data_that_no_compression_makes_smaller(tmp_path: Path) -> None:
+    """Older versions of pypcd4 store them as they are in a compressed PCD."""
+    columns = np.random.default_rng(0).normal(size=(3, 50)).astype("<f4")
+    header = (
+        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 50\nHEIGHT 1\nPOINTS 50\n"
+        "DATA binary_compressed\n"
+    )
+    stored = columns.tobytes()
+    sizes = struct.pack("<II", len(stored), len(stored))
+    (tmp_path / "a.pcd").write_bytes(header.encode() + sizes + stored)
+    np.testing.assert_array_equal(read(tmp_path / "a.pcd").points, columns.T)
+
+
+@pytest.mark.parametrize("name", ["a.bin", "a.pcd", "a.npz", "a.laz"])
+def test_a_pointer_of_git_lfs_is_named(name: str, tmp_path: Path) -> None:
+    pointer = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 1920000\n"
+    (tmp_path / name).write_text(pointer)
+    with pytest.raises(
+        InputError, match="found a Git LFS pointer, needed the file itself: run `git lfs pull`"
+    ):
+        read(tmp_path / name)
+    (tmp_path / "a.png").write_text(pointer)
+    with pytest.raises(InputError, match="found a Git LFS pointer"):
+        read_image(tmp_path / "a.png")

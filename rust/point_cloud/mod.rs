@@ -5,6 +5,7 @@
 mod ascii;
 mod column;
 mod fields;
+mod layout;
 mod limit;
 pub mod lzf;
 mod npy;
@@ -18,8 +19,9 @@ use nalgebra::Vector3;
 
 use crate::classes::ClassShares;
 
+pub use layout::Layout;
 pub use limit::{Limit, MAX_POINTS};
-pub use reading::{Format, decode, read, read_all, read_as};
+pub use reading::{Format, Reading, decode, read, read_all, read_as};
 
 /// Converts a point as read to double precision.
 pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
