@@ -347,6 +347,9 @@ def test_a_las_that_promises_too_much_is_refused_at_once(
     assert str(error.value).startswith(f"{path}: {complaint}")
 
 
+POSE_OF_PTX = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n5 5 5 1\n"
+
+
 def a_sweep(num_columns: int) -> np.ndarray:
     """Points of a street in no order, with further columns from 0 to 1."""
     generator = np.random.default_rng(0)
@@ -386,6 +389,27 @@ def test_other_columns_are_refused_until_they_are_stated(
     np.testing.assert_array_equal(cloud.points, rows[:, :3].astype(np.float32))
     if num_columns > 3:
         np.testing.assert_array_equal(cloud.intensity, rows[:, -1].astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "x,y,z,intensity,ring,t\n1,2,3,9,5,0.25\n0,0,0,0,0,0\n4,5,6,8,6,0.5\n"),
+        ("a.csv", "1;2;3;9\n0;0;0;0\n4;5;6;8\n"),
+        ("a.pts", "3\n1 2 3 9 7 7 7\n0 0 0 0 0 0 0\n4 5 6 8 7 7 7\n"),
+        ("a.ptx", f"1\n3\n{POSE_OF_PTX}1 2 3 9\n0 0 0 0.5\n4 5 6 8\n"),
+    ],
+)
+def test_tables_of_numbers(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    cloud = read(tmp_path / name)
+    np.testing.assert_array_equal(cloud.points, [[1, 2, 3], [4, 5, 6]])
+    np.testing.assert_array_equal(cloud.intensity, [9, 8])
+    assert cloud.num_no_returns == 1
+    assert (cloud.ring is None, cloud.time is None) == (("ring" not in text,) * 2)
+    (tmp_path / name).write_text(text + "7 7 seven\n")
+    with pytest.raises(InputError, match=rf"{re.escape(name)}: (point 3: found|holds 4 lines)"):
+        read(tmp_path / name)
 
 
 def test_data_that_no_compression_makes_smaller(tmp_path: Path) -> None:

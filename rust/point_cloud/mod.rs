@@ -4,6 +4,7 @@
 
 mod ascii;
 mod column;
+mod delimited;
 mod fields;
 mod layout;
 mod limit;

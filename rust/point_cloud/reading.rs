@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::layout::Layout;
 use super::limit::{self, Limit, ParseResult};
 use super::table::Table;
-use super::{PointCloud, npy, pcd, ply, raw};
+use super::{PointCloud, delimited, npy, pcd, ply, raw};
 use crate::error::{Error, Result};
 use crate::file::{OpenFile, extension};
 use crate::probabilities;
@@ -27,6 +27,12 @@ pub enum Format {
     Npy,
     /// NumPy's `.npz`.
     Npz,
+    /// Numbers in lines, with names or x y z (intensity).
+    Csv,
+    /// Leica's `.pts`.
+    Pts,
+    /// Leica's `.ptx` of one scan.
+    Ptx,
 }
 
 /// How files are read: their limit, and what the user states of files that do not say it themselves.
@@ -55,8 +61,11 @@ impl Format {
             "ply" => Ok(Self::Ply),
             "npy" => Ok(Self::Npy),
             "npz" => Ok(Self::Npz),
+            "csv" => Ok(Self::Csv),
+            "pts" => Ok(Self::Pts),
+            "ptx" => Ok(Self::Ptx),
             other => {
-                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy, .npz, .las or .laz";
+                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las or .laz";
                 Err(Error::file(path, format!("point cloud format '{other}' is not known, needs {needed}")))
             }
         }
@@ -72,6 +81,9 @@ impl Format {
             Self::Ply => ply::parse(bytes, limit),
             Self::Npy => npy::parse(bytes, limit),
             Self::Npz => npy::parse_archive(bytes, limit),
+            Self::Csv => delimited::parse_csv(bytes, limit),
+            Self::Pts => delimited::parse_pts(bytes, limit),
+            Self::Ptx => delimited::parse_ptx(bytes, limit),
         }?;
         table.seconds_per_tick = reading.seconds_per_unit.unwrap_or(table.seconds_per_tick);
         Ok(table)
