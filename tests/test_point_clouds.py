@@ -8,6 +8,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+import yaml
 from conftest import DRIVE, real
 from hypothesis import given, strategies as st
 from plyfile import PlyData, PlyElement
@@ -410,6 +411,44 @@ def test_tables_of_numbers(name: str, text: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text + "7 7 seven\n")
     with pytest.raises(InputError, match=rf"{re.escape(name)}: (point 3: found|holds 4 lines)"):
         read(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("points", "keys", "complaint"),
+    [
+        ("a.bin", {"point_columns": ["x", "y", "_"]}, "point_columns: found no z, needed x, y and z"),
+        (
+            "a.bin",
+            {"point_columns": ["x", "y", "z", "x"]},
+            "point_columns: found x twice, needed each column once",
+        ),
+        ("a.bin", {"point_columns": ["x", "y", "z", "r"]}, r"point_columns\[3\]: found 'r', needed 'x', 'y'"),
+        ("a.bin", {"point_type": "f8"}, "found point_type f8 without point_columns, needed both, or neither"),
+        (
+            "a.pcd",
+            {"point_columns": ["x", "y", "z"]},
+            "found point_columns and no .bin file of points, needed none",
+        ),
+        (
+            "a.bin",
+            {"time_unit": "min"},
+            "time_unit: found 'min', needed s, ms, us, ns, or its length in seconds",
+        ),
+        (
+            "a.bin",
+            {"time_unit": -0.1},
+            "time_unit: found -0.1, needed s, ms, us, ns, or its length in seconds",
+        ),
+    ],
+)
+def test_statements_that_make_no_sense(
+    points: str, keys: dict[str, object], complaint: str, tmp_path: Path
+) -> None:
+    camera = {"model": "plumb_bob", "width": 64, "height": 48, "K": [[40, 0, 31], [0, 40, 23], [0, 0, 1]]}
+    document = {"semcal_drive": 1, "camera": camera, "frames": [{"points": points}], **keys}
+    (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match=complaint):
+        read_drive(tmp_path)
 
 
 def test_data_that_no_compression_makes_smaller(tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ use std::path::Path;
 
 use super::column::{Column, Scalar};
 use super::fields::seconds_per_tick;
-use super::layout::Layout;
 use super::limit::{Limit, ParseResult};
 use super::npy;
+use super::record_layout::RecordLayout;
 use super::table::{EntryValues, Table};
 use crate::array_file::MAX_HEADER_BYTES;
 use crate::error::{Error, Result};
@@ -20,8 +20,8 @@ use crate::file::{check_bytes, extension};
 /// Records of one type of number, as `stated`, or else as `usual` if the numbers are in these columns.
 pub(super) fn parse<'a>(
     bytes: &'a [u8],
-    usual: &Layout,
-    stated: Option<&Layout>,
+    usual: &RecordLayout,
+    stated: Option<&RecordLayout>,
     limit: Limit,
 ) -> ParseResult<Table<'a>> {
     let layout = stated.unwrap_or(usual);

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::layout::Layout;
 use super::limit::{self, Limit, ParseResult};
+use super::record_layout::RecordLayout;
 use super::table::Table;
 use super::{PointCloud, delimited, npy, pcd, ply, raw};
 use crate::error::{Error, Result};
@@ -41,7 +41,7 @@ pub struct Reading {
     /// Largest sweep that is read.
     pub limit: Limit,
     /// Columns of `.bin` files; `None` reads the usual ones of the suffix, if the numbers are in them.
-    pub layout: Option<Layout>,
+    pub layout: Option<RecordLayout>,
     /// Seconds of one unit of the points' times; `None` takes integers for nanoseconds and others for seconds.
     pub seconds_per_unit: Option<f64>,
 }
@@ -75,7 +75,7 @@ impl Format {
         let (limit, stated) = (reading.limit, reading.layout.as_ref());
         let mut table = match self {
             Self::Kitti | Self::NuScenes => {
-                raw::parse(bytes, &Layout::usual(self == Self::NuScenes), stated, limit)
+                raw::parse(bytes, &RecordLayout::usual(self == Self::NuScenes), stated, limit)
             }
             Self::Pcd => pcd::parse(bytes, limit),
             Self::Ply => ply::parse(bytes, limit),

@@ -14,7 +14,7 @@ use super::arrays::dense_image;
 use super::calls::{detached, value_error};
 use crate::classes::{self, ClassShares, NUM_IDS};
 use crate::label_image::{Encoding, LabelImage};
-use crate::point_cloud::{self, Layout, Limit, MAX_POINTS, PointCloud, Reading};
+use crate::point_cloud::{self, Limit, MAX_POINTS, PointCloud, Reading, RecordLayout};
 use crate::probabilities;
 use crate::speckle::despeckled;
 
@@ -59,7 +59,8 @@ pub(super) fn read_point_clouds(
     item_bytes: usize,
     seconds_per_unit: Option<f64>,
 ) -> PyResult<Vec<PyPointCloud>> {
-    let layout = columns.map(|columns| Layout::new(columns, item_bytes)).transpose().map_err(value_error)?;
+    let layout =
+        columns.map(|columns| RecordLayout::new(columns, item_bytes)).transpose().map_err(value_error)?;
     let reading = Reading { limit: Limit { max_points }, layout, seconds_per_unit };
     let clouds = detached(|| point_cloud::read_all(&paths, &reading))?;
     clouds.into_iter().map(|cloud| PyPointCloud::new(py, cloud)).collect()

@@ -291,6 +291,16 @@ class Drive(StrictModel):
             raise mismatch(f"{twice[0]} twice", "each column once; _ is a column that is not used")
         return columns
 
+    @model_validator(mode="after")
+    def _check_form(self) -> Drive:
+        """Check that what is stated about `.bin` files is used."""
+        if self.point_columns is None and self.point_type != "f4":
+            raise mismatch(f"point_type {self.point_type} without point_columns", "both, or neither")
+        names = [frame.points.lower() for frame in self.frames]
+        if self.point_columns is not None and not any(name.endswith(".bin") for name in names):
+            raise mismatch("point_columns and no .bin file of points", "none: other files say what they hold")
+        return self
+
     @field_validator("palette")
     @classmethod
     def _check_colors(cls, palette: dict[str, tuple[int, ...]] | None) -> dict[str, tuple[int, ...]] | None:

@@ -1,4 +1,4 @@
-"""How far the numbers of right and of misread `.bin` files are from the limits of `rust/point_cloud/layout.rs`.
+"""How far the numbers of right and of misread `.bin` files are from the limits of `rust/point_cloud/record_layout.rs`.
 
     python tests/benchmarks/bin_layouts.py ../shared/data
 

@@ -11,7 +11,7 @@ use super::limit::ParseResult;
 
 /// The columns of a file's records, all of one type.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Layout {
+pub struct RecordLayout {
     names: Vec<String>,
     fields: Fields<usize>,
     scalar: Scalar,
@@ -44,7 +44,7 @@ const MAX_ODD: f64 = 0.05;
 const POSSIBLE_M: (f64, f64) = (1e-30, 1e7);
 const USUAL_M: (f64, f64) = (1e-6, 1e5);
 
-impl Layout {
+impl RecordLayout {
     /// A layout of columns with these names; those that no field has are not read.
     ///
     /// # Errors
@@ -146,7 +146,7 @@ impl Layout {
     }
 }
 
-impl std::fmt::Display for Layout {
+impl std::fmt::Display for RecordLayout {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let bits = 8 * self.scalar.size();
         write!(f, "{} of float{bits}", self.names.join(","))
@@ -161,23 +161,23 @@ const STATE_THEM: &str =
 
 /// What to state instead, by the layouts whose columns tell most about their numbers, and hold coordinates.
 fn proposal(bytes: &[u8], words: &Words) -> Option<String> {
-    let is_whole = |layout: &Layout| bytes.len().is_multiple_of(layout.record_bytes());
-    let fits = |layout: &Layout| is_whole(layout) && layout.is_plausible(bytes, USUAL_M);
+    let is_whole = |layout: &RecordLayout| bytes.len().is_multiple_of(layout.record_bytes());
+    let fits = |layout: &RecordLayout| is_whole(layout) && layout.is_plausible(bytes, USUAL_M);
     let layouts = |scalar: Scalar| {
         let counts = 3..=4 * MAX_COLUMNS / scalar.size();
-        counts.map(move |count| Layout::of_columns(count, scalar)).filter(fits).collect::<Vec<_>>()
+        counts.map(move |count| RecordLayout::of_columns(count, scalar)).filter(fits).collect::<Vec<_>>()
     };
-    let known = |layout: &Layout| words.information(layout.record_bytes() / 4);
+    let known = |layout: &RecordLayout| words.information(layout.record_bytes() / 4);
     let candidates = [layouts(Scalar::F32), layouts(Scalar::F64)];
     let most = (3..=MAX_COLUMNS).map(|count| words.information(count)).fold(EXCESS, f64::max);
     let first = candidates.iter().filter_map(|of_type| of_type.iter().find(|x| known(x) >= ALIKE * most));
-    let stated: Vec<String> = first.map(Layout::statement).collect();
+    let stated: Vec<String> = first.map(RecordLayout::statement).collect();
     let has_others = stated.iter().any(|text| text.contains(", _"));
     let meaning = if has_others { ", with intensity, ring, time or label for a _ that holds it" } else { "" };
     (!stated.is_empty()).then(|| format!("needed {}{meaning}", stated.join(", or ")))
 }
 
-impl Layout {
+impl RecordLayout {
     /// How a user states these columns.
     fn statement(&self) -> String {
         let (key, option) = match self.scalar {
@@ -230,9 +230,12 @@ impl Words {
         of_columns + entropy(&mut of_bin.into_iter()) - entropy(&mut counts.iter().copied())
     }
 
-    /// Whether no number of columns tells anything about the numbers, of which there are enough to say so.
+    /// Whether no number of columns tells anything about the numbers, of which there are enough to say so. Zeros, as of
+    /// points without a return, tell nothing.
     fn are_alike(&self) -> bool {
-        self.0.len() >= MIN_ALIKE_WORDS && (2..=MAX_COLUMNS).all(|count| self.information(count) < INFORMED)
+        let num_filled = self.0.iter().filter(|&&(_, word)| word != 0).count();
+        let informed = INFORMED * num_filled as f64 / self.0.len() as f64;
+        self.0.len() >= MIN_ALIKE_WORDS && (2..=MAX_COLUMNS).all(|count| self.information(count) < informed)
     }
 
     /// Whether another number of columns tells clearly more about the numbers.
@@ -266,7 +269,7 @@ mod tests {
             (2, share) => 3.0 * share - 2.0,
             (_, share) => share,
         };
-        (0..1200 * num_columns).map(value).collect()
+        (0..2000 * num_columns).map(value).collect()
     }
 
     fn float32(values: &[f64]) -> Vec<u8> {
@@ -279,9 +282,9 @@ mod tests {
 
     #[test]
     fn other_columns_are_refused_with_those_that_fit() {
-        let usual = Layout::usual(false);
+        let usual = RecordLayout::usual(false);
         assert_eq!(usual.check(&float32(&records(4)), false), Ok(()));
-        assert_eq!(Layout::usual(true).check(&float32(&records(5)), false), Ok(()));
+        assert_eq!(RecordLayout::usual(true).check(&float32(&records(5)), false), Ok(()));
         for (bytes, fitting) in [
             (float32(&records(3)), "--point-columns x,y,z at import"),
             (float32(&records(5)), "--point-columns x,y,z,_,_ at import"),
@@ -294,17 +297,17 @@ mod tests {
             assert!(refusal.starts_with("found other columns than x,y,z,intensity of float32, needed "));
             assert!(refusal.contains(fitting), "{refusal}");
         }
-        let odd = usual.misfit(&float32(&records(5))[..23_980]);
-        assert!(odd.starts_with("23980 bytes is not a multiple of 16, the size of x,y,z,intensity"), "{odd}");
+        let odd = usual.misfit(&float32(&records(5))[..39_980]);
+        assert!(odd.starts_with("39980 bytes is not a multiple of 16, the size of x,y,z,intensity"), "{odd}");
         assert!(odd.contains("x,y,z,_,_ at import"), "{odd}");
         // A sweep of four columns that is cut off does not become one of six.
-        assert_eq!(usual.misfit(&float32(&records(4))[..19_176]), "19176 bytes is not a multiple of 16");
+        assert_eq!(usual.misfit(&float32(&records(4))[..31_992]), "31992 bytes is not a multiple of 16");
     }
 
     #[test]
     fn numbers_without_columns_are_refused() {
         let alike: Vec<f64> = (0..6000).map(|index| random(index) - 0.5).collect();
-        let refusal = Layout::usual(false).check(&float32(&alike), false).expect_err("alike");
+        let refusal = RecordLayout::usual(false).check(&float32(&alike), false).expect_err("alike");
         assert!(
             refusal
                 .starts_with("found numbers that are alike in all columns of x,y,z,intensity of float32, ")
@@ -314,8 +317,8 @@ mod tests {
     #[test]
     fn a_statement_is_refused_only_for_impossible_numbers() {
         let six = float32(&records(6));
-        assert_eq!(Layout::usual(false).check(&six, true), Ok(()));
-        let as_float64 = Layout::of_columns(3, Scalar::F64);
+        assert_eq!(RecordLayout::usual(false).check(&six, true), Ok(()));
+        let as_float64 = RecordLayout::of_columns(3, Scalar::F64);
         let refusal = as_float64.check(&six, true).expect_err("float32");
         assert!(refusal.contains("than x,y,z of float64, needed point_columns: [x, y, z, _"), "{refusal}");
     }
