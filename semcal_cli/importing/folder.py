@@ -153,7 +153,7 @@ def _with_time_unit(
     if unit is None:
         return form, ()
     meaning = unit if isinstance(unit, str) else f"shares of a turn of {unit:g} s"
-    remark = f"point times: {meaning}, so that a cloud fills the time to the next; --time-unit states another"
+    remark = f"point times: taken as {meaning}, in which a sweep lasts until the next one; --time-unit states another"
     return form._replace(time_unit=unit), (remark,)
 
 
