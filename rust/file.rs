@@ -7,6 +7,10 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
+/// Size of the largest pointer that Git LFS writes in place of a file, and its first bytes. Source: its specification.
+const MAX_POINTER_BYTES: u64 = 1024;
+const POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
+
 /// A regular file, open for reading.
 #[derive(Debug)]
 pub struct OpenFile {
@@ -28,8 +32,14 @@ impl OpenFile {
             Ok(metadata.len())
         };
         check(std::fs::metadata(path))?;
-        let file = without_waiting().read(true).open(path).map_err(|e| read_error(path, e))?;
+        let mut file = without_waiting().read(true).open(path).map_err(|e| read_error(path, e))?;
         let size = check(file.metadata())?;
+        if size <= MAX_POINTER_BYTES && is_pointer(&mut file).map_err(|e| read_error(path, e))? {
+            return Err(Error::file(
+                path,
+                "found a Git LFS pointer, needed the file itself: run `git lfs pull`",
+            ));
+        }
         Ok(Self { path: path.to_owned(), file, size })
     }
 
@@ -94,6 +104,14 @@ impl Seek for WatchedFile<'_> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.file.seek(to)
     }
+}
+
+/// Whether a file starts as a Git LFS pointer does; it is read from its start again.
+fn is_pointer(file: &mut File) -> io::Result<bool> {
+    let mut start = Vec::new();
+    file.take(POINTER.len() as u64).read_to_end(&mut start)?;
+    file.seek(SeekFrom::Start(0))?;
+    Ok(start == POINTER)
 }
 
 /// Refuses more bytes than a limit, with a message.

@@ -584,8 +584,18 @@ def config_attributes() -> list[tuple[str, list[str]]]:
 def read_point_clouds(
     paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],
     max_points: int = ...,
+    columns: Sequence[str] | None = None,
+    item_bytes: int = 4,
+    seconds_per_unit: float | None = None,
 ) -> list[PointCloud]:
     """Read sweeps, each with the labels of its label file or else of the cloud's own label field, if any.
+
+    Args:
+        paths: Point cloud and label file of each sweep.
+        max_points: Maximum number of points of a sweep, no-returns included.
+        columns: Names of the columns of `.bin` files; None for the usual ones of the suffix.
+        item_bytes: Size of a number of these files, 4 or 8.
+        seconds_per_unit: Seconds of one unit of point times; None for integers of nanoseconds and floats of seconds.
 
     Raises:
         InputError: a file cannot be read, is too large or does not match its format, a sweep has more than
@@ -597,6 +607,7 @@ def parse_point_cloud(
     npy: bytes,
     labels: str | PathLike[str] | None,
     max_points: int = ...,
+    seconds_per_unit: float | None = None,
 ) -> PointCloud:
     """Read the sweep of `path`, which was converted to an `.npy` array of records (N,) with named fields.
 

@@ -27,14 +27,15 @@ from bags import START_NS, BagWriter, Messages, jpeg, png
 
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.importing.bags.image_messages import ENCODINGS, image_file
-from semcal_cli.importing.bags.messages import Message, MessageError, Topic
+from semcal_cli.importing.bags.messages import NS, Message, MessageError, Span, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.observations.reading import read_clouds
 
 
-def sweep_of(bag: Messages, message: Any, stamp_ns: int = START_NS) -> Any:
+def sweep_of(bag: Messages, message: Any, stamp_ns: int = START_NS, rate_hz: int = 0) -> Any:
     raw = bag.raw(message)
-    topic = Topic("/points", message.__msgtype__, is_ros1=bag.is_ros1)
+    span = Span(rate_hz + 1, 0, NS) if rate_hz else Span()
+    topic = Topic("/points", message.__msgtype__, span, is_ros1=bag.is_ros1)
     return read_sweep(Message(topic, stamp_ns, raw), stamp_ns)
 
 
@@ -115,6 +116,25 @@ TIMES = {
     "another clock": ("timestamp", "<f8", SECONDS + 1234.0, None, True),
     "zeros": ("time", "<f4", SECONDS * 0.0, None, True),
 }
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "seconds", "told"),
+    [
+        (10, 0.1, "'time', shares of a turn of 0.1 s, are written as 't'"),
+        (1, 1.0, None),  # a slow scanner
+        (7, None, "'time' span 1 s as seconds, and sweeps are 0.143 s apart: they are written unchanged"),
+        (0, None, "'time' span 1 s as seconds: they are written unchanged, without motion"),
+    ],
+)
+def test_times_from_0_to_1(rate_hz: int, seconds: float | None, told: str | None) -> None:
+    records = np.ones(11, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")])
+    records["time"] = np.linspace(0.0, 1.0, 11)
+    bag = Messages("sqlite3")
+    sweep = sweep_of(bag, bag.cloud(records, START_NS), rate_hz=rate_hz)
+    assert (told or "") in (sweep.times.remark or "")
+    assert (sweep.times.remark is None) == (told is None)
+    assert sweep.times.ends_s == pytest.approx((0.0, seconds or 0.0))
 
 
 @pytest.mark.parametrize("unit", TIMES)

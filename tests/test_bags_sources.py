@@ -137,14 +137,25 @@ def test_packets_of_a_velodyne_become_sweeps(kind: str, tmp_path: Path) -> None:
     assert sorted(set(elevations.round().astype(int))) == list(range(-15, 16, 2))
 
 
-def test_packets_of_an_ouster_are_to_be_replayed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("storage", "advice"),
+    [
+        ("mcap", "`ros2 launch ouster_ros replay.launch.xml bag_file:=BAG` while `ros2 bag record -a` runs"),
+        (
+            "ros1",
+            "`roslaunch ouster_ros replay.launch bag_file:=BAG metadata:=JSON` while `rosbag record -a` runs",
+        ),
+    ],
+)
+def test_packets_of_an_ouster_are_to_be_replayed(storage: str, advice: str, tmp_path: Path) -> None:
     packet = {"buf": np.zeros(8, np.uint8)}
     path = small(
         tmp_path,
+        storage,
         points=nothing,
         lidar_packets=lambda bag, index, stamp: bag.make("ouster_ros/msg/PacketMsg", **packet),
     )
-    assert "replay.launch.xml" in refused(path, tmp_path / "drive")
+    assert advice in refused(path, tmp_path / "drive")
 
 
 @pytest.mark.parametrize(

@@ -200,7 +200,11 @@ def test_the_cloud_that_is_looked_into_may_be_too_large(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("option", "name", "expected"),
     [
-        ("--points", "a.xyz", "'.xyz', needed .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .las or .laz"),
+        (
+            "--points",
+            "a.xyz",
+            "'.xyz', needed .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las or .laz",
+        ),
         ("--point-labels", "a.txt", "'.txt', needed .label, .bin, .npy or .npz"),
         ("--image-labels", "a.jpg", "'.jpg', needed .png, .npy or .npz"),
         ("--images", "a.tiff", "'.tiff', needed .png, .jpg, .jpeg or .bmp"),

@@ -1,6 +1,7 @@
 """Transforms in files of every format: how they are read, and what is said of a file that is wrong."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -203,3 +204,32 @@ def test_a_bare_matrix_under_its_name_is_a_transform(suffix: str, tmp_path: Path
     path.write_text(json.dumps({"T_camera_lidar": T[:3].tolist()}))
     with pytest.raises(InputError, match="T_camera_lidar: found a list of 3, needed at least 4"):
         read_transform(path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "camera", "complaint"),
+    [
+        (("ExtrinsicMat",), None, None),
+        (("P1", "ExtrinsicMat"), None, None),
+        (("left", "ExtrinsicMat"), "ExtrinsicMat", None),
+        (("left", "ExtrinsicMat"), None, "found matrices left, ExtrinsicMat, needed --camera to name one"),
+        (("left",), "right", "found matrices left, needed --camera to name one"),
+        ((), None, "found keys rows, needed a 4 x 4 or 3 x 4 matrix, such as CameraExtrinsicMat"),
+    ],
+)
+def test_matrices_of_an_opencv_storage(
+    keys: tuple[str, ...], camera: str | None, complaint: str | None, tmp_path: Path
+) -> None:
+    T = make_pose((0.1, -0.2, 0.3), (0.4, 0.5, -0.6))
+    lines = ["%YAML:1.0", "---", "rows: 3"]
+    for key in keys:
+        matrix = np.diag([500.0, 500.0, 1.0, 1.0]) if key == "P1" else np.eye(4) if key == "left" else T
+        data = ", ".join(map(repr, matrix.ravel().tolist()))
+        lines.append(f"{key}: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [ {data} ]")
+    (tmp_path / "a.yaml").write_text("\n".join(lines) + "\n")
+    options = FormatOptions("lidar-to-camera", camera=camera)
+    if complaint is None:
+        np.testing.assert_allclose(read_transform(tmp_path / "a.yaml", options=options), T, atol=1e-12)
+        return
+    with pytest.raises(InputError, match=re.escape(complaint)):
+        read_transform(tmp_path / "a.yaml", options=options)

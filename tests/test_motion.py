@@ -186,9 +186,14 @@ def test_times_of_another_unit_or_clock_are_refused(tmp_path: Path, skewed: dict
     np.save(tmp_path / "us.npy", microseconds)
     frames = [skewed["frames"][0] | {"points": str(tmp_path / "us.npy")}]
     with pytest.raises(
-        InputError, match=r"us\.npy: found point times that span 0\.0001 s, needed at least 0\.005 s"
+        InputError,
+        match=r"us\.npy: found point times that span 0\.0001 s, 0\.1 s as us, needed time_unit: us in",
     ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
+    in_microseconds = load(tmp_path, skewed | {"frames": frames, "time_unit": "us"}, {"twist": TWIST})
+    as_written = load(tmp_path, skewed | {"frames": skewed["frames"][:1]}, {"twist": TWIST})
+    moved, expected = (seen.clouds[0].points for seen in (in_microseconds, as_written))
+    np.testing.assert_allclose(moved, expected, atol=1e-3)
     assert load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 9.0}).motion_error_px is None
     late = [skewed["frames"][0] | {"image_stamp": STAMPS["image_stamp"] + 1000.0}]
     with pytest.raises(

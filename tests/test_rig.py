@@ -137,9 +137,9 @@ def test_each_sweep_is_read_once(rig: Path, tmp_path: Path, monkeypatch: pytest.
     read = []
     original = point_clouds.read_point_clouds
 
-    def counting(files: list[tuple[Path, Path | None]], max_points: int) -> Any:
+    def counting(files: list[tuple[Path, Path | None]], *others: Any) -> Any:
         read.extend(files)
-        return original(files, max_points)
+        return original(files, *others)
 
     monkeypatch.setattr(point_clouds, "read_point_clouds", counting)
     result = run(rig, "-o", tmp_path / "out", "--no-polish", "--max-frames", "2")

@@ -47,6 +47,8 @@ fn seeds() -> Vec<(Format, Vec<u8>)> {
         (Format::Npy, npy("{'descr': '>f8', 'fortran_order': True, 'shape': (2, 3)}\n", &[64; 48])),
         (Format::Kitti, vec![63; 32]),
         (Format::NuScenes, vec![63; 40]),
+        (Format::Csv, b"x,y,z,ring\n1,2,3,4\n5,6,7,8\n".to_vec()),
+        (Format::Pts, b"2\n1 2 3 4\n5 6 7 8\n".to_vec()),
     ]
 }
 
@@ -87,7 +89,8 @@ proptest! {
 
     #[test]
     fn noise(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
-        for format in [Format::Kitti, Format::NuScenes, Format::Pcd, Format::Ply, Format::Npy] {
+        let text = [Format::Csv, Format::Pts, Format::Ptx];
+        for format in [Format::Kitti, Format::NuScenes, Format::Pcd, Format::Ply, Format::Npy].into_iter().chain(text) {
             check(decode(format, &bytes));
         }
         check_unpacked(&bytes);

@@ -4,6 +4,7 @@
 
 mod ascii;
 mod column;
+mod delimited;
 mod fields;
 mod limit;
 pub mod lzf;
@@ -12,6 +13,7 @@ mod pcd;
 mod ply;
 mod raw;
 mod reading;
+mod record_layout;
 mod table;
 
 use nalgebra::Vector3;
@@ -19,7 +21,8 @@ use nalgebra::Vector3;
 use crate::classes::ClassShares;
 
 pub use limit::{Limit, MAX_POINTS};
-pub use reading::{Format, decode, read, read_all, read_as};
+pub use reading::{Format, Reading, decode, read, read_all, read_as};
+pub use record_layout::RecordLayout;
 
 /// Converts a point as read to double precision.
 pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {

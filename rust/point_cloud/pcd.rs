@@ -140,7 +140,11 @@ impl Header {
         let stream = stream
             .get(..compressed as usize)
             .ok_or_else(|| format!("holds {} bytes of compressed data, needs {compressed}", stream.len()))?;
-        lzf::decompress(stream, needed)
+        match lzf::decompress(stream, needed) {
+            // pypcd and older versions of pypcd4 store data as they are if LZF would not make them smaller.
+            Err(_) if stream.len() == needed => Ok(stream.to_vec()),
+            unpacked => unpacked,
+        }
     }
 }
 

@@ -1,5 +1,5 @@
 //! Files without a header: KITTI's `.bin` (x y z intensity, float32) and nuScenes' `.pcd.bin` (x y z intensity
-//! ring, float32), and files with one class id for each entry of a cloud.
+//! ring, float32), or with the columns that the user states; and files with one class id for each entry of a cloud.
 //!
 //! `.label`: SemanticKITTI's uint32, the low 16 bits are the class and the high ones an instance. `.bin`: nuScenes'
 //! lidarseg, uint8. `.npy`: any integers. Sources: the development kits of KITTI's object benchmark and of nuScenes
@@ -8,27 +8,28 @@
 use std::path::Path;
 
 use super::column::{Column, Scalar};
-use super::fields::Fields;
+use super::fields::seconds_per_tick;
 use super::limit::{Limit, ParseResult};
 use super::npy;
+use super::record_layout::RecordLayout;
 use super::table::{EntryValues, Table};
 use crate::array_file::MAX_HEADER_BYTES;
 use crate::error::{Error, Result};
 use crate::file::{check_bytes, extension};
 
-/// 4 or 5 float32 columns.
-pub(super) fn parse(bytes: &[u8], num_columns: usize, limit: Limit) -> ParseResult<Table<'_>> {
-    let num_records = count_records(bytes, 4 * num_columns)?;
+/// Records of one type of number, as `stated`, or else as `usual` if the numbers are in these columns.
+pub(super) fn parse<'a>(
+    bytes: &'a [u8],
+    usual: &RecordLayout,
+    stated: Option<&RecordLayout>,
+    limit: Limit,
+) -> ParseResult<Table<'a>> {
+    let layout = stated.unwrap_or(usual);
+    let num_records = count_records(bytes, layout.record_bytes()).map_err(|_| layout.misfit(bytes))?;
     limit.check_points(num_records)?;
-    let column = |index: usize| Column::little_endian(4 * index, 4 * num_columns, Scalar::F32);
-    let columns = Fields {
-        xyz: [column(0), column(1), column(2)],
-        intensity: Some(column(3)),
-        ring: (num_columns > 4).then(|| column(4)),
-        time: None,
-        label: None,
-    };
-    Table::new(bytes, num_records, columns, 1.0)
+    layout.check(bytes, stated.is_some())?;
+    let tick = layout.scalar_of_time().map_or(1.0, seconds_per_tick);
+    Table::new(bytes, num_records, layout.columns()?, tick)
 }
 
 /// Number of records of a given size, which must be an integer.

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::limit::{self, Limit, ParseResult};
+use super::record_layout::RecordLayout;
 use super::table::Table;
-use super::{PointCloud, npy, pcd, ply, raw};
+use super::{PointCloud, delimited, npy, pcd, ply, raw};
 use crate::error::{Error, Result};
 use crate::file::{OpenFile, extension};
 use crate::probabilities;
@@ -26,11 +27,28 @@ pub enum Format {
     Npy,
     /// NumPy's `.npz`.
     Npz,
+    /// Numbers in lines, with names or x y z (intensity).
+    Csv,
+    /// Leica's `.pts`.
+    Pts,
+    /// Leica's `.ptx` of one scan.
+    Ptx,
+}
+
+/// How files are read: their limit, and what the user states of files that do not say it themselves.
+#[derive(Clone, Debug, Default)]
+pub struct Reading {
+    /// Largest sweep that is read.
+    pub limit: Limit,
+    /// Columns of `.bin` files; `None` reads the usual ones of the suffix, if the numbers are in them.
+    pub layout: Option<RecordLayout>,
+    /// Seconds of one unit of the points' times; `None` takes integers for nanoseconds and others for seconds.
+    pub seconds_per_unit: Option<f64>,
 }
 
 impl Format {
-    /// The format by the file's suffix. A `.bin` does not say how many columns it has, so the name decides:
-    /// `.pcd.bin` has nuScenes' five, any other KITTI's four.
+    /// The format by the file's suffix. A `.bin` does not say how many columns it has. Unless the user does, the name
+    /// decides: `.pcd.bin` has nuScenes' five, any other KITTI's four.
     ///
     /// # Errors
     /// The suffix is not known.
@@ -43,22 +61,32 @@ impl Format {
             "ply" => Ok(Self::Ply),
             "npy" => Ok(Self::Npy),
             "npz" => Ok(Self::Npz),
+            "csv" => Ok(Self::Csv),
+            "pts" => Ok(Self::Pts),
+            "ptx" => Ok(Self::Ptx),
             other => {
-                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy, .npz, .las or .laz";
+                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las or .laz";
                 Err(Error::file(path, format!("point cloud format '{other}' is not known, needs {needed}")))
             }
         }
     }
 
-    fn parse(self, bytes: &[u8], limit: Limit) -> ParseResult<Table<'_>> {
-        match self {
-            Self::Kitti => raw::parse(bytes, 4, limit),
-            Self::NuScenes => raw::parse(bytes, 5, limit),
+    fn parse<'a>(self, bytes: &'a [u8], reading: &Reading) -> ParseResult<Table<'a>> {
+        let (limit, stated) = (reading.limit, reading.layout.as_ref());
+        let mut table = match self {
+            Self::Kitti | Self::NuScenes => {
+                raw::parse(bytes, &RecordLayout::usual(self == Self::NuScenes), stated, limit)
+            }
             Self::Pcd => pcd::parse(bytes, limit),
             Self::Ply => ply::parse(bytes, limit),
             Self::Npy => npy::parse(bytes, limit),
             Self::Npz => npy::parse_archive(bytes, limit),
-        }
+            Self::Csv => delimited::parse_csv(bytes, limit),
+            Self::Pts => delimited::parse_pts(bytes, limit),
+            Self::Ptx => delimited::parse_ptx(bytes, limit),
+        }?;
+        table.seconds_per_tick = reading.seconds_per_unit.unwrap_or(table.seconds_per_tick);
+        Ok(table)
     }
 }
 
@@ -67,11 +95,12 @@ impl Format {
 ///
 /// # Errors
 /// Those of [`read`].
-pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)], limit: Limit) -> Result<Vec<PointCloud>> {
-    let sizes = paths.iter().map(|files| content_bytes(files, limit)).collect::<Result<Vec<u64>>>()?;
+pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)], reading: &Reading) -> Result<Vec<PointCloud>> {
+    let sizes =
+        paths.iter().map(|files| content_bytes(files, reading.limit)).collect::<Result<Vec<u64>>>()?;
     let mut clouds = Vec::with_capacity(paths.len());
     for group in limit::groups(&sizes) {
-        let read = |(points, labels): &(PathBuf, Option<PathBuf>)| read(points, labels.as_deref(), limit);
+        let read = |(points, labels): &(PathBuf, Option<PathBuf>)| read(points, labels.as_deref(), reading);
         let clouds_of_group: Vec<Result<PointCloud>> = paths[group].par_iter().map(read).collect();
         for cloud in clouds_of_group {
             clouds.push(cloud?);
@@ -103,11 +132,11 @@ fn content_bytes((points, labels): &(PathBuf, Option<PathBuf>), limit: Limit) ->
 /// # Errors
 /// A file cannot be read or is too large, its size or content does not match its format, the counts of points and
 /// labels differ, a label is not a class id, or there is no return.
-pub fn read(points: &Path, labels: Option<&Path>, limit: Limit) -> Result<PointCloud> {
+pub fn read(points: &Path, labels: Option<&Path>, reading: &Reading) -> Result<PointCloud> {
     let file = OpenFile::open(points)?;
-    limit.check_bytes(file.size()).map_err(|reason| Error::file(points, reason))?;
+    reading.limit.check_bytes(file.size()).map_err(|reason| Error::file(points, reason))?;
     let bytes = file.bytes()?;
-    read_as(Format::of(points)?, points, &bytes, labels, limit)
+    read_as(Format::of(points)?, points, &bytes, labels, reading)
 }
 
 /// Reads a sweep from its bytes; `points` is its name in error messages.
@@ -119,10 +148,10 @@ pub fn read_as(
     points: &Path,
     bytes: &[u8],
     labels: Option<&Path>,
-    limit: Limit,
+    reading: &Reading,
 ) -> Result<PointCloud> {
     let complain = |reason: String| Error::file(points, reason);
-    let table = format.parse(bytes, limit).map_err(complain)?;
+    let table = format.parse(bytes, reading).map_err(complain)?;
     let Some(path) = labels else {
         return decode_table(&table).map_err(complain);
     };
@@ -148,7 +177,7 @@ pub fn read_as(
 /// A message without the file's name: the size or content does not match the format, a label is not a class id, or
 /// there is no return.
 pub fn decode(format: Format, bytes: &[u8]) -> std::result::Result<PointCloud, String> {
-    decode_table(&format.parse(bytes, Limit::default())?)
+    decode_table(&format.parse(bytes, &Reading::default())?)
 }
 
 fn decode_table(table: &Table<'_>) -> ParseResult<PointCloud> {

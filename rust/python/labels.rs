@@ -14,7 +14,7 @@ use super::arrays::dense_image;
 use super::calls::{detached, value_error};
 use crate::classes::{self, ClassShares, NUM_IDS};
 use crate::label_image::{Encoding, LabelImage};
-use crate::point_cloud::{self, Limit, MAX_POINTS, PointCloud};
+use crate::point_cloud::{self, Limit, MAX_POINTS, PointCloud, Reading, RecordLayout};
 use crate::probabilities;
 use crate::speckle::despeckled;
 
@@ -50,27 +50,35 @@ impl PyPointCloud {
 }
 
 #[pyfunction]
-#[pyo3(signature = (paths, max_points=MAX_POINTS))]
+#[pyo3(signature = (paths, max_points=MAX_POINTS, columns=None, item_bytes=4, seconds_per_unit=None))]
 pub(super) fn read_point_clouds(
     py: Python<'_>,
     paths: Vec<(PathBuf, Option<PathBuf>)>,
     max_points: usize,
+    columns: Option<Vec<String>>,
+    item_bytes: usize,
+    seconds_per_unit: Option<f64>,
 ) -> PyResult<Vec<PyPointCloud>> {
-    let clouds = detached(|| point_cloud::read_all(&paths, Limit { max_points }))?;
+    let layout =
+        columns.map(|columns| RecordLayout::new(columns, item_bytes)).transpose().map_err(value_error)?;
+    let reading = Reading { limit: Limit { max_points }, layout, seconds_per_unit };
+    let clouds = detached(|| point_cloud::read_all(&paths, &reading))?;
     clouds.into_iter().map(|cloud| PyPointCloud::new(py, cloud)).collect()
 }
 
 #[pyfunction]
-#[pyo3(signature = (path, npy, labels, max_points=MAX_POINTS))]
+#[pyo3(signature = (path, npy, labels, max_points=MAX_POINTS, seconds_per_unit=None))]
 pub(super) fn parse_point_cloud(
     py: Python<'_>,
     path: PathBuf,
     npy: &[u8],
     labels: Option<PathBuf>,
     max_points: usize,
+    seconds_per_unit: Option<f64>,
 ) -> PyResult<PyPointCloud> {
-    let (format, limit) = (point_cloud::Format::Npy, Limit { max_points });
-    let cloud = detached(|| point_cloud::read_as(format, &path, npy, labels.as_deref(), limit))?;
+    let format = point_cloud::Format::Npy;
+    let reading = Reading { limit: Limit { max_points }, layout: None, seconds_per_unit };
+    let cloud = detached(|| point_cloud::read_as(format, &path, npy, labels.as_deref(), &reading))?;
     PyPointCloud::new(py, cloud)
 }
 

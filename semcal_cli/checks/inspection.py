@@ -29,6 +29,7 @@ from semcal_cli.config import MAX_FRAMES
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.findings.check import findings_among
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Points
@@ -36,6 +37,7 @@ from semcal_cli.observations.cues.segments import kinds_of_segments
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
 from semcal_cli.observations.motion import motion_error_px
 from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.point_times import check_point_times
 from semcal_cli.observations.reading import count_labels, load_observations, read_clouds, read_label_images
 from semcal_cli.observations.scenes import alike_frames, nearest_ranges
 
@@ -144,6 +146,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_check_scale(median_range_m, few),
             *_sentences(check_class_names(point_names, pixel_names)),
             *motion.suspicions,
+            *_check_times(probed, clouds),
             *_sentences(check_sweep_motion(motion_error_px(probed, clouds))),
             *_sentences(check_origin(drive, points)),
             *_sentences(check_readout(drive, points)),
@@ -256,6 +259,17 @@ def _check_scale(median_m: float, few: Observations | None) -> list[str]:
     if far := check_range(median_m):
         return _sentences(far)
     return judge_scale(median_m) if few is None else check_scale(few)
+
+
+def _check_times(drive: Drive, clouds: Sequence[SweepCloud]) -> list[str]:
+    """List the first complaint about point times that a calibration with a motion refuses."""
+    try:
+        for frame, cloud in zip(drive.frames, clouds, strict=True):
+            if drive.motion is not None and cloud.time is not None:
+                check_point_times(drive, frame, cloud.time, drive.motion.point_times)
+    except InputError as error:
+        return [str(error)]
+    return []
 
 
 def _check_labels(labelled: Drive) -> tuple[Finding, ...]:

@@ -6,13 +6,20 @@ import inspect
 from dataclasses import dataclass
 from pathlib import Path
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 
 from semcal_cli.cli.options import QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
+from semcal_cli.config.point_files import (
+    MAX_UNIT_S,
+    SECONDS_PER_UNIT,
+    NamedUnit,
+    PointColumn,
+    PointType,
+)
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.errors import check_installed, counted, printable
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
@@ -69,6 +76,45 @@ class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
         except (KeyError, ValueError):
             needed = f"{self.name}, such as 10:cw:180:end"
             self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
+
+
+class PointColumns(click.ParamType):  # type: ignore[type-arg]
+    """Comma-separated columns of a file without a header."""
+
+    name = "columns"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[PointColumn, ...]:
+        """Parse the columns: x, y and z, and any others, each once."""
+        if isinstance(value, tuple):
+            return value
+        known = get_args(PointColumn)
+        names: list[Any] = [name.strip() for name in str(value).split(",")]
+        used = [name for name in names if name != "_"]
+        if not {*"xyz"} <= {*used} or not {*names} <= {*known} or len({*used}) < len(used):
+            needed = f"needed x, y and z, and any of {', '.join(known[3:])}, each once but _"
+            self.fail(f"found {str(value)[:40]!r}, {needed}.", param, ctx)
+        return tuple(names)
+
+
+class TimeUnit(click.ParamType):  # type: ignore[type-arg]
+    """A unit of time, or its length in seconds."""
+
+    name = "unit"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
+        """Parse the unit."""
+        if value in SECONDS_PER_UNIT:
+            return str(value)
+        try:
+            seconds = float(value)
+        except ValueError:
+            seconds = 0.0
+        if not 0.0 < seconds <= MAX_UNIT_S:
+            needed = f"needed {', '.join(SECONDS_PER_UNIT)} or its length in seconds"
+            self.fail(f"found {str(value)[:40]!r}, {needed}.", param, ctx)
+        return seconds
 
 
 def _max_gap(default: float | None = None, **maximum: float) -> Any:
@@ -351,7 +397,10 @@ for _name, _dataset in DATASETS.items():
 class FolderSettings(ImportSettings):
     """Settings of `import folder`."""
 
-    rules = [given("--image-classes").requires("--image-labels")]
+    rules = [
+        given("--image-classes").requires("--image-labels"),
+        given("--point-type").requires("--point-columns"),
+    ]
     points: str = option("Point clouds, such as 'clouds/*.pcd'.", required=True, metavar="GLOB")
     point_labels: str | None = option(
         "Point labels; not needed if the clouds have a field for them.", metavar="GLOB"
@@ -374,6 +423,19 @@ class FolderSettings(ImportSettings):
     )
     max_gap_s: float = _max_gap(0.05)
     max_points: int = max_points()
+    point_columns: tuple[PointColumn, ...] | None = option(
+        "Columns of .bin clouds, such as x,y,z,intensity,ring,time, with _ for one that is not used; if not given, "
+        "x,y,z,intensity, if the numbers are in these columns.",
+        type=PointColumns(),
+        metavar="NAME,...",
+    )
+    point_type: PointType = option("Numbers of .bin clouds: float32 (f4) or float64 (f8).", default="f4")
+    time_unit: NamedUnit | float | None = option(
+        "Unit of point times, or its length in seconds, such as 0.1 for times from 0 to 1 in sweeps of 0.1 s; if not "
+        "given, what the time between clouds shows, or else s, and ns for whole numbers.",
+        type=TimeUnit(),
+        metavar="s|ms|us|ns|S",
+    )
 
 
 @import_.command(

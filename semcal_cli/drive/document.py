@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 from typing_extensions import Unpack
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.point_files import (
+    MAX_UNIT_S,
+    SECONDS_PER_UNIT,
+    NamedUnit,
+    PointColumn,
+    PointForm,
+    PointType,
+)
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.lidar import Lidar
 from semcal_cli.drive.networks import LabelNetworks
-from semcal_cli.errors import InputError, MisplacedError, mismatch
+from semcal_cli.errors import InputError, MisplacedError, describe, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import (
@@ -59,6 +68,18 @@ DEFAULT_CLOCK_SIGMA_S = 0.02
 MAX_OFFSET_S = 1.0
 TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 """Offset of two clocks, in seconds. Sweeps and images that are farther apart are not pairs."""
+
+
+def _check_unit(unit: object) -> object:
+    is_length = isinstance(unit, int | float) and not isinstance(unit, bool) and 0.0 < unit <= MAX_UNIT_S
+    if not is_length and not (isinstance(unit, str) and unit in SECONDS_PER_UNIT):
+        raise mismatch(
+            describe(unit), f"{', '.join(SECONDS_PER_UNIT)}, or its length in seconds, such as 0.1"
+        )
+    return unit
+
+
+TimeUnit = Annotated[NamedUnit | Annotated[float, Field(gt=0.0, le=MAX_UNIT_S)], BeforeValidator(_check_unit)]
 
 
 class Frame(StrictModel):
@@ -173,6 +194,14 @@ class Drive(StrictModel):
     """Names of classes and the raw ids merged into each."""
     palette: Annotated[dict[str, Color], Field(min_length=1, max_length=255)] | None = None
     """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
+    point_columns: Annotated[tuple[PointColumn, ...], length(3, 64)] | None = None
+    """Columns of the `.bin` files of points; `_` is one that is not used. If absent: x y z intensity, and ring in a
+    `.pcd.bin`, if the numbers are in these columns."""
+    point_type: PointType = "f4"
+    """Type of the numbers in `.bin` files of points: float32 (f4) or float64 (f8), little endian."""
+    time_unit: TimeUnit | None = None
+    """Unit of the times of points: s, ms, us, ns, or its length in seconds, such as 0.1 for times from 0 to 1 in sweeps
+    of 0.1 s. If absent, whole numbers are nanoseconds and others seconds."""
     motion: Motion | None = None
     """Motion of the LiDAR, which moves points to the time of the image."""
     synchronization: Synchronization = "unknown"
@@ -192,6 +221,14 @@ class Drive(StrictModel):
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
     _max_points: int = PrivateAttr(default=MAX_POINTS)
     _arrays: HeldArrays | None = PrivateAttr(default=None)
+    _sweep_gap_s: float | None = PrivateAttr(default=None)
+
+    def model_post_init(self, _context: object) -> None:
+        """Measure how far sweeps are apart: a copy with fewer frames keeps that of all frames."""
+        stamps = {frame.points: frame.points_stamp for frame in self.frames if frame.points_stamp is not None}
+        ordered = sorted(set(stamps.values()))
+        gaps = sorted(after - before for before, after in pairwise(ordered))
+        self._sweep_gap_s = gaps[len(gaps) // 2] if gaps else None
 
     @classmethod
     def from_arrays(cls, **arrays: Unpack[ArrayInput]) -> Drive:
@@ -217,6 +254,26 @@ class Drive(StrictModel):
         drive._path, drive._arrays = path, held_arrays
         return drive
 
+    @field_validator("point_columns")
+    @classmethod
+    def _check_columns(cls, columns: tuple[PointColumn, ...] | None) -> tuple[PointColumn, ...] | None:
+        used = [column for column in columns or "xyz" if column != "_"]
+        if missing := [axis for axis in "xyz" if axis not in used]:
+            raise mismatch(f"no {missing[0]}", "x, y and z")
+        if twice := [column for column in used if used.count(column) > 1]:
+            raise mismatch(f"{twice[0]} twice", "each column once; _ is a column that is not used")
+        return columns
+
+    @model_validator(mode="after")
+    def _check_form(self) -> Drive:
+        """Check that what is stated about `.bin` files is used."""
+        if self.point_columns is None and self.point_type != "f4":
+            raise mismatch(f"point_type {self.point_type} without point_columns", "both, or neither")
+        names = [frame.points.lower() for frame in self.frames]
+        if self.point_columns is not None and not any(name.endswith(".bin") for name in names):
+            raise mismatch("point_columns and no .bin file of points", "none: other files say what they hold")
+        return self
+
     @field_validator("palette")
     @classmethod
     def _check_colors(cls, palette: dict[str, tuple[int, ...]] | None) -> dict[str, tuple[int, ...]] | None:
@@ -237,6 +294,16 @@ class Drive(StrictModel):
     def max_points(self) -> int:
         """Size of the largest sweep that is read, in points."""
         return self._max_points
+
+    @property
+    def sweep_gap_s(self) -> float | None:
+        """Median time from one sweep to the next, in seconds; None without stamps of two sweeps."""
+        return self._sweep_gap_s
+
+    @property
+    def point_form(self) -> PointForm:
+        """What the drive states about its files of points."""
+        return PointForm(self.point_columns, self.point_type, self.time_unit)
 
     @property
     def arrays(self) -> HeldArrays | None:

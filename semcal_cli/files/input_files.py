@@ -24,6 +24,8 @@ MAX_TABLE_BYTES = 64 << 20
 
 _WITHOUT_WAITING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 """Flags that open a pipe without waiting for a writer."""
+_MAX_POINTER_BYTES, _POINTER = 1024, b"version https://git-lfs.github.com/spec/"
+"""Size of the largest pointer that Git LFS writes in place of a file, and its first bytes; see its specification."""
 _PIECE_BYTES = 1 << 20
 """Bytes that are read and hashed at a time."""
 
@@ -48,12 +50,17 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
     afterwards, because another file may have taken its name.
 
     Raises:
-        InputError: the file is missing, cannot be read, or is a special file.
+        InputError: the file is missing, cannot be read, is a special file, or a Git LFS pointer in place of the file.
     """
     try:
         _check_regular(path, path.stat())
         with os.fdopen(os.open(path, _WITHOUT_WAITING), "rb") as file:
             _check_regular(path, os.fstat(file.fileno()))
+            if 0 < size_of(file) <= _MAX_POINTER_BYTES:
+                if file.read(len(_POINTER)) == _POINTER:
+                    needed = "the file itself: run `git lfs pull`"
+                    raise InputError(f"{path}: {mismatch('a Git LFS pointer', needed)}")
+                file.seek(0)
             yield file
     except OSError as error:
         if error.errno == errno.ENXIO:

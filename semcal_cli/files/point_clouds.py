@@ -14,6 +14,7 @@ import numpy as np
 
 from semcal_cli import core
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.point_files import AS_USUAL, PointForm
 from semcal_cli.errors import InputError, check_installed
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.input_files import check_size, open_file, size_of
@@ -41,7 +42,7 @@ MIN_CHUNK_POINTS = 100
 """Minimum number of points in a chunk; with smaller chunks, the table is larger than the data."""
 
 Key: TypeAlias = tuple[Hashable, Hashable]
-"""Key of a kept sweep: its points and its labels."""
+"""Key of a kept sweep: its points, with the form in which they were read, and its labels."""
 Source = TypeVar("Source")
 
 FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label"}
@@ -49,7 +50,7 @@ FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label
 
 
 def read_point_clouds(
-    files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS
+    files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS, form: PointForm = AS_USUAL
 ) -> list[core.PointCloud]:
     """Read sweeps, each with its label file, or else with its own label field if it has one.
 
@@ -58,16 +59,24 @@ def read_point_clouds(
     Args:
         files: Point cloud and label file of each sweep.
         max_points: Maximum number of points of a sweep, including points without a return.
+        form: Columns of `.bin` files and unit of point times, where the user states them.
 
     Raises:
-        InputError: a file cannot be read, is too large, is not of the format of its suffix, or its numbers of points
-            and labels differ.
+        InputError: a file cannot be read, is too large, is not of the format of its suffix, has other columns than
+            stated or usual, or its numbers of points and labels differ.
     """
     for points, _ in files:
         if _is_las(points):
             _check_las(points, max_points)
-    others = iter(core.read_point_clouds([file for file in files if not _is_las(file[0])], max_points))
-    return [_read_las(*file, max_points) if _is_las(file[0]) else next(others) for file in files]
+    read = core.read_point_clouds(
+        [file for file in files if not _is_las(file[0])],
+        max_points,
+        form.point_columns,
+        int(form.point_type[1:]),
+        form.seconds_per_unit,
+    )
+    others = iter(read)
+    return [_read_las(*file, max_points, form) if _is_las(file[0]) else next(others) for file in files]
 
 
 def max_bytes(max_points: int) -> int:
@@ -82,14 +91,17 @@ class SweepCache:
         self._clouds: dict[Key, SweepCloud] = {}
 
     def read(
-        self, files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS
+        self,
+        files: Sequence[tuple[Path, Path | None]],
+        max_points: int = MAX_POINTS,
+        form: PointForm = AS_USUAL,
     ) -> list[SweepCloud]:
         """Read sweeps as `read_point_clouds` does, with the same arguments and errors."""
         keys = [
-            (os.path.realpath(points), None if labels is None else os.path.realpath(labels))
+            ((os.path.realpath(points), form), None if labels is None else os.path.realpath(labels))
             for points, labels in files
         ]
-        return self.get(keys, files, lambda missing: read_point_clouds(missing, max_points))
+        return self.get(keys, files, lambda missing: read_point_clouds(missing, max_points, form))
 
     def get(
         self,
@@ -119,7 +131,7 @@ def _check_las(path: Path, max_points: int) -> None:
         _check_header(path, stream, max_points)
 
 
-def _read_las(path: Path, labels: Path | None, max_points: int) -> core.PointCloud:
+def _read_las(path: Path, labels: Path | None, max_points: int, form: PointForm) -> core.PointCloud:
     import laspy
 
     with _refusing(path), open_file(path) as stream:
@@ -140,7 +152,7 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> core.PointClo
         raise InputError(f"{path}: holds no points")
     contents = io.BytesIO()
     np.save(contents, np.concatenate(chunks))
-    return core.parse_point_cloud(path, contents.getvalue(), labels, max_points)
+    return core.parse_point_cloud(path, contents.getvalue(), labels, max_points, form.seconds_per_unit)
 
 
 @contextmanager

@@ -31,9 +31,13 @@ def directed_format(
     recognises: Callable[[Source], bool],
     read: Callable[[Source, FormatOptions], Pose],
     make: Callable[[Pose, FormatOptions], bytes],
+    may_ask: tuple[str, ...] = (),
     **others: Any,
 ) -> Format:
-    """Make a format whose files do not state the direction of their transform, so that the user must."""
+    """Make a format whose files do not state the direction of their transform, so that the user must.
+
+    `may_ask` names other options that a file may leave open; `others` are fields of `Format`.
+    """
     return Format(
         name,
         f"either direction, set by --direction: {equation}",
@@ -42,7 +46,7 @@ def directed_format(
         lambda T_camera_lidar, options: make(
             apply_direction(f"--to {name}", T_camera_lidar, options), options
         ),
-        asks=("direction",),
+        asks=("direction", *may_ask),
         **others,
     )
 

@@ -1,4 +1,6 @@
-"""OpenCV's FileStorage: `CameraExtrinsicMat` (4 x 4), which users store in both directions, so --direction is needed.
+"""OpenCV's FileStorage: a 4 x 4 or 3 x 4 matrix, which users store in both directions, so --direction is needed.
+
+semcal writes `CameraExtrinsicMat`, as Autoware's calibration tools did; livox_camera_calib has `ExtrinsicMat`.
 
 The intrinsics next to it have the names of OpenCV's calibration sample (samples/cpp/.../camera_calibration.cpp), or
 those of an omnidirectional camera (Mei and Rives) as camodocal and KITTI-360 write it.
@@ -17,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.errors import InputError, counted, describe
+from semcal_cli.errors import InputError, counted, describe, listed
 from semcal_cli.files.documents import parse_document
 from semcal_cli.formats.format import CameraBlock, FormatOptions, Source
 from semcal_cli.formats.lenses import (
@@ -36,6 +38,12 @@ from semcal_cli.formats.pose import from_rows
 from semcal_cli.geometry.arrays import Pose
 
 KEY = "CameraExtrinsicMat"
+"""Key of the matrix that is written, and that is read first."""
+STORAGE = "opencv_storage"
+"""Root element of the XML."""
+SHAPES = (3, 4), (4, 4)
+NEAR_ROTATION = 0.1
+"""Largest difference of R R^T from the identity by which a transform is told from a projection."""
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
 MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
 """Camera model of each number of coefficients, if the lens is not a fisheye."""
@@ -49,6 +57,11 @@ YAML_REPLACEMENTS = (
 def is_storage(text: str) -> bool:
     """Return whether a text was written by OpenCV."""
     return text.lstrip().startswith(("%YAML:", "<")) or "opencv-matrix" in text
+
+
+def _is_storage_of_opencv(text: str) -> bool:
+    """Return whether a text was written by OpenCV, and is no other XML."""
+    return is_storage(text) and (not text.startswith("<") or f"<{STORAGE}" in text)
 
 
 def _storage(source: Source) -> Node:
@@ -68,10 +81,8 @@ def _parse_xml(source: Source) -> dict[Any, Any]:
         raise InputError(f"{path}: is nested too deeply") from None
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
-    if root.tag != "opencv_storage" or not isinstance(document, dict):
-        raise InputError(
-            f"{path}: found XML of {describe(root.tag)}, needed 'opencv_storage' with keys in it"
-        )
+    if root.tag != STORAGE or not isinstance(document, dict):
+        raise InputError(f"{path}: found XML of {describe(root.tag)}, needed '{STORAGE}' with keys in it")
     return document
 
 
@@ -96,11 +107,44 @@ def _value(element: ET.Element) -> Any:
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:
-    node = _storage(source).at(KEY)
+    node = _find_matrix(_storage(source), options.camera)
     values = node.data()
     if len(values) not in (12, 16):
         raise InputError(f"{node.where}: found {counted(len(values), 'number')}, needed 16 by rows, or 12")
     return from_rows(node.where, values, options)
+
+
+def _find_matrix(storage: Node, name: str | None) -> Node:
+    """Find the matrix with a name, or the only one that can be a transform."""
+    if name is None and KEY in storage.mapping:
+        return storage.at(KEY)
+    matrices = {key: storage.at(key) for key, value in storage.mapping.items() if _has_shape(value)}
+    if name is not None:
+        if name not in matrices:
+            raise InputError(
+                f"{storage.where}: found matrices {listed(matrices)}, needed --camera to name one"
+            )
+        return matrices[name]
+    if not matrices:
+        needed = f"needed a 4 x 4 or 3 x 4 matrix, such as {KEY}"
+        raise InputError(f"{storage.where}: found keys {listed(storage.mapping)}, {needed}")
+    # Beside a transform may be projections, P.
+    transforms = [node for node in matrices.values() if len(matrices) == 1 or _is_rotated(node)]
+    if len(transforms) != 1:
+        raise InputError(f"{storage.where}: found matrices {listed(matrices)}, needed --camera to name one")
+    return transforms[0]
+
+
+def _has_shape(value: object) -> bool:
+    return isinstance(value, dict) and "data" in value and (value.get("rows"), value.get("cols")) in SHAPES
+
+
+def _is_rotated(matrix: Node) -> bool:
+    values = np.asarray(matrix.data(), np.float64)
+    if len(values) not in (12, 16):
+        return True
+    R = values.reshape(-1, 4)[:3, :3]
+    return bool(np.abs(R @ R.T - np.eye(3)).max() < NEAR_ROTATION)
 
 
 def _make(T: Pose, options: FormatOptions) -> bytes:
@@ -168,9 +212,10 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
 
 FORMAT = directed_format(
     "opencv",
-    f"{KEY} of a FileStorage",
-    lambda source: KEY in source.start and is_storage(source.start),
+    f"{KEY} of a FileStorage, or its only 4 x 4 or 3 x 4 matrix",
+    lambda source: _is_storage_of_opencv(source.start),
     _read,
     _make,
+    may_ask=("camera",),
     read_lens=_read_lens,
 )

@@ -16,7 +16,9 @@ from semcal_cli.geometry.arrays import Numbers, Vector, Vectors
 
 KITTI_PERIOD_S = 0.1
 """Time between two sweeps of the LiDARs of KITTI, KITTI-360 and RELLIS-3D."""
-CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".laz")
+CLOUD_SUFFIXES = (
+    ".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".csv", ".pts", ".ptx", ".las", ".laz",
+)  # fmt: skip
 POINT_LABEL_SUFFIXES = (".label", ".bin", ".npy", ".npz")
 IMAGE_LABEL_SUFFIXES = (".png", ".npy", ".npz")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from semcal_cli.config.point_files import PointForm
 from semcal_cli.drive.document import Drive, Frame, output_drive_file, read_drive
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.documents import document_text
@@ -138,6 +139,7 @@ def _document(recording: Recording, path: Path) -> dict[str, Any]:
         **({} if lidar is None else {"lidar": dict(lidar)}),
         "frames": [_frame_document(frame, path.parent) for frame in recording.frames],
         **_class_blocks(recording),
+        **_point_keys(recording.point_form),
         **({} if motion is None else {"motion": motion}),
         **({} if recording.synchronization == "unknown" else {"synchronization": recording.synchronization}),
         **({} if recording.time_offset_s == 0.0 else {"time_offset_s": recording.time_offset_s}),
@@ -224,6 +226,15 @@ def _class_blocks(recording: Recording) -> dict[str, Any]:
         blocks["ignore"] = {side: list(table.ignore) for side, table in tables.items()}
         blocks["classes"] = {side: table.ids() for side, table in tables.items()}
     return blocks | ({"palette": palette} if palette else {})
+
+
+def _point_keys(form: PointForm) -> dict[str, Any]:
+    """Make the keys of clouds whose columns or times are not the usual ones."""
+    columns, unit = form.point_columns, form.time_unit
+    return {
+        **({} if columns is None else {"point_columns": list(columns), "point_type": form.point_type}),
+        **({} if unit is None else {"time_unit": unit}),
+    }
 
 
 def _reference(recording: Recording) -> Pose | None:

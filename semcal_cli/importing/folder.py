@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import glob
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, counted
@@ -17,7 +19,7 @@ from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.formats.node import rigid
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.importing.dataset_tree import (
     CLOUD_SUFFIXES,
     IMAGE_LABEL_SUFFIXES,
@@ -27,6 +29,7 @@ from semcal_cli.importing.dataset_tree import (
 )
 from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
 from semcal_cli.importing.recording import Recording, SourceFrame
+from semcal_cli.observations.point_times import deduced_unit
 
 SUFFIXES = {
     "--points": CLOUD_SUFFIXES,
@@ -63,6 +66,12 @@ class Folder:
     """What ties the images to the moments of the clouds."""
     max_points: int = MAX_POINTS
     """Largest number of points of a cloud that is read."""
+    point_columns: tuple[PointColumn, ...] | None = None
+    """Columns of `.bin` clouds; None for the usual ones, if the numbers are in them."""
+    point_type: PointType = "f4"
+    """Type of the numbers of `.bin` clouds."""
+    time_unit: NamedUnit | float | None = None
+    """Unit of point times, or its length in seconds; None for the one that the first cloud suggests."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +108,11 @@ def read(folder: Folder) -> Recording:
             f"--point-labels, {len(image_partners.of_cloud):,} with one of {option}, none with both, "
             "needed at least one"
         )
-    stamps, has_labels = stamps_s(clouds), False
-    if not point_labels.of_cloud:
-        (first,) = read_point_clouds([(usable_clouds[0], None)], folder.max_points)
-        has_labels = first.labels is not None
+    stamps = stamps_s(clouds)
+    form = PointForm(folder.point_columns, folder.point_type, folder.time_unit)
+    (first,) = read_point_clouds([(usable_clouds[0], None)], folder.max_points, form)
+    form, unit_remarks = _with_time_unit(form, first.time, list(stamps.values()))
+    has_labels = not point_labels.of_cloud and first.labels is not None
     own_labels = (
         (f"point labels: from the clouds themselves, such as {usable_clouds[0].name}",) if has_labels else ()
     )
@@ -126,10 +136,25 @@ def read(folder: Folder) -> Recording:
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
         T_camera_lidar=None if folder.reference is None else _reference(folder.reference),
         synchronization=folder.synchronization,
-        remarks=(*own_labels, *point_labels.remarks, *image_labels.remarks, *images.remarks),
+        point_form=form,
+        remarks=(*own_labels, *unit_remarks, *point_labels.remarks, *image_labels.remarks, *images.remarks),
         read=(folder.camera_info, *([drive_file(folder.reference)] if folder.reference else [])),
         labels_by="GLOB",
     )
+
+
+def _with_time_unit(
+    form: PointForm, times_s: Numbers | None, stamps: Sequence[float]
+) -> tuple[PointForm, tuple[str, ...]]:
+    """State the unit of point times where the time between clouds shows it, and say so."""
+    if times_s is None or form.time_unit is not None or len(stamps) < 2:
+        return form, ()
+    unit = deduced_unit(times_s, float(np.median(np.diff(sorted(stamps)))))
+    if unit is None:
+        return form, ()
+    meaning = unit if isinstance(unit, str) else f"shares of a turn of {unit:g} s"
+    remark = f"point times: taken as {meaning}, in which a sweep lasts until the next one; --time-unit states another"
+    return form._replace(time_unit=unit), (remark,)
 
 
 def _find(option: str, pattern: str) -> list[Path]:

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias, TypeVar, get_origin
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config.point_files import AS_USUAL, PointForm
 from semcal_cli.config.setting import settings_of
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.errors import InputError, describe
@@ -168,6 +169,8 @@ class Recording:
     """Classes of the label images."""
     ids_in_red: bool = False
     """Whether the label images are colours whose red is the id, and whose green and blue are 0."""
+    point_form: PointForm = AS_USUAL
+    """Columns of `.bin` clouds and unit of point times, where they are not the usual ones."""
     motion: Mapping[str, Any] | None = None
     """The `motion:` block of a drive, if the motion of the LiDAR is known; without `poses`, if those follow."""
     synchronization: Synchronization = "unknown"

@@ -21,7 +21,8 @@ from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Matrix, Numbers, Points, Pose, Vector, Vectors
 from semcal_cli.geometry.poses import orthonormal, quaternion_xyzw
-from semcal_cli.observations.motion import MAX_SWEEP_S, displacement
+from semcal_cli.observations.motion import displacement
+from semcal_cli.observations.point_times import check_point_times
 
 NS = 1_000_000_000
 RANGES_M = 1.5, 100.0
@@ -282,6 +283,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     """
     odometry, is_absolute = Odometry(), False
     stamps_s, moments_s = dict[str, float](), dict[str, list[float]]()
+    frames = {frame.points: frame for frame in drive.frames}
     for frame in drive.frames:
         if frame.points_stamp is None:
             problem = f"{drive.path}: {frame.key('points_stamp')}: found nothing"
@@ -291,11 +293,13 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     ordered = sorted(stamps_s.items(), key=lambda item: item[1])
     for number, (name, stamp_s) in enumerate(ordered, start=1):
         on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
-        (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points)
+        (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points, drive.point_form)
         spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
         times_s = cloud.time if spun is None else spun
-        if times_s is not None and np.nanmin(np.abs(times_s)) > MAX_SWEEP_S:
-            is_absolute, times_s = True, times_s - stamp_s
+        if times_s is not None and spun is None:
+            finite_s = times_s[np.isfinite(times_s)]
+            if check_point_times(drive, frames[name], finite_s, None) == "absolute":
+                is_absolute, times_s = True, times_s - stamp_s
         odometry.add(cloud.points, times_s, round(stamp_s * NS))
         moments_s[name] += [stamp_s + end for end in (0.0, *_ends(times_s))]
     poses = odometry.poses()

@@ -23,11 +23,8 @@ from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.arrays import Array, Numbers, Pose
 from semcal_cli.geometry.poses import orthonormal, pose_from_quaternion
 from semcal_cli.observations.observations import LabelledCloud, Observations
+from semcal_cli.observations.point_times import MAX_SWEEP_S, MIN_SWEEP_S, check_point_times
 
-MAX_SWEEP_S = 1.0
-"""Largest time between a point and its sweep's stamp; larger ones mean different clocks or units."""
-MIN_SWEEP_S = 0.005
-"""Shortest duration of a sweep; times that span less have another unit, because no LiDAR turns that fast."""
 MAX_POSES = 1_000_000
 """Largest number of poses in a file. Reading them takes about ten seconds."""
 A_POSE = "needed seconds x y z qx qy qz qw"
@@ -172,7 +169,6 @@ def have_times(clouds: Sequence[SweepCloud]) -> bool:
 
 def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> tuple[Numbers, bool]:
     """Return the time of each point (N,), in seconds on the clock of the stamps, and whether the sweep is rigid."""
-    path = drive.resolve(frame.points)
     if frame.points_stamp is None:
         raise InputError(
             f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed a time for the motion"
@@ -183,18 +179,8 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> tup
     if spun is not None:
         return spun + frame.points_stamp, False
     assert cloud.time is not None
-    times = cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0)
-    first, last = cloud.time.min(), cloud.time.max()
-    if last - first < MIN_SWEEP_S:
-        found = f"found point times that span {last - first:g} s"
-        needed = f"needed at least {MIN_SWEEP_S:g} s; whole numbers are read as nanoseconds"
-        raise InputError(f"{path}: {found}, {needed}")
-    first, last = times.min() - frame.points_stamp, times.max() - frame.points_stamp
-    if not (first >= -MAX_SWEEP_S and last <= MAX_SWEEP_S):
-        found = f"found point times from {first:g} to {last:g} s after points_stamp"
-        needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times is {motion.point_times}"
-        raise InputError(f"{path}: {found}, {needed}")
-    return times, False
+    check_point_times(drive, frame, cloud.time, motion.point_times)
+    return cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0), False
 
 
 def _moment(drive: Drive, frame: Frame) -> float:

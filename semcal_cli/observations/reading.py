@@ -286,7 +286,7 @@ def read_clouds(drive: Drive, sweeps: SweepCache | None = None) -> list[SweepClo
         )
     labels = [drive.resolve(f.point_labels) if f.point_labels else None for f in drive.frames]
     points = [drive.resolve(frame.points) for frame in drive.frames]
-    return sweeps.read(list(zip(points, labels, strict=True)), drive.max_points)
+    return sweeps.read(list(zip(points, labels, strict=True)), drive.max_points, drive.point_form)
 
 
 def _cloud_of_arrays(arrays: HeldArrays, frame: Frame) -> SweepCloud:

@@ -21,6 +21,7 @@ from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
 from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, NS, VELODYNE, Message, MessageError
+from semcal_cli.observations.point_times import length_of_unit
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
@@ -114,7 +115,8 @@ def read_sweep(message: Message, stamp_ns: int, spin: Spin | None = None) -> Swe
     has_range = _has_range(records)
     if not has_range.any():
         raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
-    sweep = _with_readable_times(records, has_range, stamp_ns)
+    rate_hz = message.topic.rate_hz
+    sweep = _with_readable_times(records, has_range, stamp_ns, 1.0 / rate_hz if rate_hz else None)
     if spin is None or sweep.times.reference is not None:
         return sweep
     seconds = spin.times(sweep.points).reshape(records.shape)
@@ -247,12 +249,14 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
     return packed.reshape(1, -1)
 
 
-def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_ns: int) -> Sweep:
+def _with_readable_times(
+    records: npt.NDArray[np.void], has_range: Mask, stamp_ns: int, gap_s: float | None
+) -> Sweep:
     """Find out what the times of points refer to, and convert them if no reader could read them.
 
-    Readers take whole numbers for nanoseconds and others for seconds. Times in another unit, or under a name that no
-    reader knows, become seconds relative to the stamp, as float64, under the name `t`. Points without a range often
-    have no time either and are ignored.
+    Readers take whole numbers for nanoseconds and others for seconds. Times in another unit, shares of a turn among
+    them, or under a name that no reader knows, become seconds relative to the stamp, as float64, under the name `t`.
+    Points without a range often have no time either and are ignored.
     """
     name = _time_field(records)
     if name is None:
@@ -273,7 +277,17 @@ def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_n
             f"{subject} do not span a sweep in any usual unit: they are written unchanged, without motion"
         )
         return Sweep(records, PointTimes(remark=remark))
-    tick_s = TICKS_S[spans[0]]
+    unit, tick_s = spans[0], TICKS_S[spans[0]]
+    length_s = length_of_unit(first, last, tick_s, gap_s)
+    if length_s is None:
+        apart = "" if gap_s is None else f", and sweeps are {gap_s:.3g} s apart"
+        remark = (
+            f"{subject} span {(last - first) * tick_s:.3g} s as {unit}{apart}: they are written unchanged, without "
+            "motion; time_unit in drive.yaml states their unit"
+        )
+        return Sweep(records, PointTimes(remark=remark))
+    if length_s != tick_s:
+        unit, tick_s = f"shares of a turn of {length_s:g} s", length_s
     shift = _shift(first, tick_s, stamp_ns)
     if shift is None:
         remark = f"{subject} use another clock than the header: they are written unchanged, without motion"
@@ -284,7 +298,7 @@ def _with_readable_times(records: npt.NDArray[np.void], has_range: Mask, stamp_n
     ends_s = _ends(seconds[has_range])
     if name.lower() in READ_AS_TIME and tick_s == (1.0 if values.dtype.kind == "f" else 1e-9):
         return Sweep(records, PointTimes("absolute" if shift else "relative", ends_s), seconds)
-    remark = f"{subject}, {spans[0]}, are written as 't', seconds after the sweep's stamp"
+    remark = f"{subject}, {unit}, are written as 't', seconds after the sweep's stamp"
     return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
 
 

@@ -97,10 +97,12 @@ TRANSPORTS = (
     "foxglove",
 )
 """Names below a topic under which the plugins of image_transport and point_cloud_transport publish it again."""
-REPLAY_OUSTER = (
-    "; to turn packets of an Ouster into sweeps, replay them: `ros2 launch ouster_ros replay.launch.xml bag_file:=BAG` "
-    "while `ros2 bag record` runs"
-)
+REPLAY_OUSTER = {
+    True: "`roslaunch ouster_ros replay.launch bag_file:=BAG metadata:=JSON` while `rosbag record -a` runs",
+    False: "`ros2 launch ouster_ros replay.launch.xml bag_file:=BAG` while `ros2 bag record -a` runs",
+}
+"""How packets of an Ouster are replayed as sweeps, in ROS 1 and in ROS 2; see the launch files of ouster_ros. Its
+replay in ROS 1 reads the sensor's metadata from a file unless the bag has a topic of them."""
 USES = {
     "sweeps": CLOUDS,
     "images": IMAGES,
@@ -156,8 +158,9 @@ def _choose(
         return matches[0]
     if not topics:
         others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))
-        if types is CLOUDS and bag.of_types(OUSTER):
-            advice = REPLAY_OUSTER
+        if types is CLOUDS and (packets := bag.of_types(OUSTER)):
+            replay = REPLAY_OUSTER[packets[0].is_ros1]
+            advice = f"; to turn packets of an Ouster into sweeps, replay them: {replay}"
         raise InputError(f"{bag.paths[0]}: found no topic of {kind}, only {others}{advice}")
     duplicates = {other for topic in topics for other in _others_of(topics, topic)}
     topics = [topic for topic in topics if topic not in duplicates]

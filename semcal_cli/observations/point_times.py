@@ -1,0 +1,188 @@
+"""Times of the points of a sweep: whether they can be seconds, and refer to the stamp of the sweep.
+
+No reader can know the unit of a field of times. Sweeps of one LiDAR follow one another, so the time between them tells
+how long a sweep may be: times that span much more have another unit.
+"""
+
+from __future__ import annotations
+
+from semcal_cli.config.point_files import SECONDS_PER_UNIT, NamedUnit
+from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.errors import InputError
+from semcal_cli.geometry.arrays import Numbers
+
+MAX_SWEEP_S = 1.0
+"""Largest time between a point and its sweep's stamp; larger ones mean different clocks or units."""
+MIN_SWEEP_S = 0.005
+"""Shortest duration of a sweep; times that span less have another unit, because no LiDAR turns that fast."""
+MAX_OVERLAP = 2.0
+"""Duration of a sweep, in times from one sweep to the next, beyond which sweeps overlap by far."""
+SHARES = 0.9, 1.0 + 1e-6
+"""Spans of times that may be shares of a sweep, from 0 to 1: its ends may have no returns."""
+MIN_FILLED, MAX_FILLED = 0.5, 1.1
+"""Duration of a sweep, in times from one sweep to the next, of a LiDAR that turns all the time."""
+IN_DRIVE = "in drive.yaml (--time-unit at import)"
+"""Where a user states the unit, for messages."""
+TURNS_HZ = tuple(5.0 * n for n in range(1, 7))
+"""Usual rates of LiDARs that turn: 5 to 20 Hz in the manuals of Velodyne, Ouster and Hesai, and some faster ones."""
+TURN_TOLERANCE = 0.05
+"""Largest difference of a rate from a usual one, as a share of it."""
+
+
+def check_point_times(drive: Drive, frame: Frame, times_s: Numbers, reference: str | None) -> str:
+    """Check that the times of a sweep's points are seconds, and belong to its stamp.
+
+    Args:
+        drive: The drive, which may state the unit of the times.
+        frame: The frame of the sweep.
+        times_s: Times as read, seconds.
+        reference: What they refer to, as `point_times` of a motion states it; None if it is not stated.
+
+    Returns:
+        What they refer to.
+
+    Raises:
+        InputError: they span no sweep, sweeps would overlap by far, they may be seconds or shares of a sweep, or they
+            are too far from the stamp. The message names the unit or the reference that would fit.
+    """
+    if reference == "deskewed":
+        return reference
+    first, last = float(times_s.min()), float(times_s.max())
+    if reference is None:
+        reference = "relative" if min(abs(first), abs(last)) <= MAX_SWEEP_S else "absolute"
+    complaint = _unit_complaint(drive, first, last) or _reference_complaint(frame, first, last, reference)
+    if complaint:
+        raise InputError(f"{drive.resolve(frame.points)}: {complaint}")
+    return reference
+
+
+def deduced_unit(times_s: Numbers, gap_s: float | None) -> NamedUnit | float | None:
+    """Deduce the unit of point times that is not the one they are read in, from the time between sweeps.
+
+    Args:
+        times_s: Times of one sweep as read, seconds.
+        gap_s: Time from one sweep to the next, seconds; None if unknown.
+
+    Returns:
+        The only unit in which a sweep fills the time to the next one, or the length in seconds of a turn, of which the
+        times are shares; None if they can be seconds, or if nothing is certain.
+    """
+    if gap_s is None:
+        return None
+    first, last = float(times_s.min()), float(times_s.max())
+    if turn_s := _turn_of_shares(first, last, gap_s):
+        return turn_s
+    unit, span_s = _fitting_unit(last - first)
+    return unit if MIN_FILLED * gap_s <= span_s <= MAX_FILLED * gap_s else None
+
+
+def length_of_unit(first: float, last: float, tick_s: float, gap_s: float | None) -> float | None:
+    """Find how long the unit of times is that span a sweep in a usual one.
+
+    Args:
+        first: First time of a sweep.
+        last: Last one.
+        tick_s: Length of the usual unit, seconds.
+        gap_s: Time from one sweep to the next, seconds; None if unknown.
+
+    Returns:
+        Seconds: `tick_s`, or the length of a turn whose shares the times are; None if it may be another one.
+    """
+    if turn_s := _turn_of_shares(first, last, gap_s):
+        return turn_s
+    return tick_s if _are_seconds(first * tick_s, last * tick_s, gap_s) else None
+
+
+def _are_seconds(first_s: float, last_s: float, gap_s: float | None) -> bool:
+    """Whether times that span a sweep can only be seconds.
+
+    Args:
+        first_s: First time of a sweep.
+        last_s: Last one.
+        gap_s: Time from one sweep to the next, seconds; None if unknown.
+
+    Returns:
+        False if sweeps would overlap by far, or if times from 0 to 1 do not fill the time to the next sweep and may be
+        shares of a shorter one.
+    """
+    span_s = last_s - first_s
+    if gap_s is not None and span_s >= gap_s / MAX_FILLED:
+        return not _overlap(span_s, gap_s)
+    return not _may_be_shares(first_s, last_s)
+
+
+def _turn_of_shares(first: float, last: float, gap_s: float | None) -> float | None:
+    """Return the length of a turn in seconds, of which times are shares that cannot be seconds; None if unknown.
+
+    Args:
+        first: First time of a sweep as read.
+        last: Last one.
+        gap_s: Time from one sweep to the next, seconds, which is that of a turn if it is a usual one; None if unknown.
+    """
+    if gap_s is None or not _may_be_shares(first, last) or not _overlap(last - first, gap_s):
+        return None
+    rate_hz = min(TURNS_HZ, key=lambda usual: abs(usual * gap_s - 1.0))
+    return 1.0 / rate_hz if abs(rate_hz * gap_s - 1.0) <= TURN_TOLERANCE else None
+
+
+def _unit_complaint(drive: Drive, first: float, last: float) -> str:
+    """Describe why times cannot be seconds, or may be something else; empty if they are seconds."""
+    span_s, gap_s, stated = last - first, drive.sweep_gap_s, drive.time_unit
+    # Times on both sides of the stamp may span twice the largest time from it.
+    if not MIN_SWEEP_S <= span_s <= 2.0 * MAX_SWEEP_S:
+        unit, fitting_s = _fitting_unit(span_s) if stated is None else (None, 0.0)
+        found = f"found point times that span {span_s:.4g} s"
+        found += f" in units of {stated}" if isinstance(stated, float) else f" in {stated}" if stated else ""
+        if unit is not None:
+            return f"{found}, {fitting_s:.4g} s as {unit}, needed time_unit: {unit} {IN_DRIVE}"
+        needed = f"needed {MIN_SWEEP_S:g} s or more, within {MAX_SWEEP_S:g} s of points_stamp"
+        return f"{found}, {needed}; whole numbers are read as nanoseconds, others as seconds: see time_unit"
+    if stated is not None or _are_seconds(first, last, gap_s):
+        return ""
+    needed = f"needed time_unit {IN_DRIVE}"
+    if gap_s is None or not _overlap(span_s, gap_s):
+        found = "found point times from 0 to 1, which may be seconds or shares of a sweep"
+        return f"{found}, {needed}: s, or the seconds of a sweep, such as 0.1"
+    found = f"found point times that span {span_s:.4g} s in sweeps {gap_s:.3g} s apart"
+    if _may_be_shares(first, last):
+        shares = f"{gap_s:.3g} if they are shares of a sweep of {gap_s:.3g} s"
+        return f"{found}, {needed}: {shares}, or s if they are seconds"
+    return f"{found}, {needed}: its length in seconds, or s if sweeps overlap"
+
+
+def _reference_complaint(frame: Frame, first_s: float, last_s: float, reference: str) -> str:
+    """Describe why times cannot belong to the stamp of the sweep; empty if they can, or if there is none."""
+    stamp_s = frame.points_stamp
+    if stamp_s is None:
+        return ""
+    zeros = {"relative": 0.0, "absolute": stamp_s}
+    after = {name: (first_s - zero, last_s - zero) for name, zero in zeros.items()}
+    fitting = [name for name, ends in after.items() if max(map(abs, ends)) <= MAX_SWEEP_S * SHARES[1]]
+    if reference in fitting:
+        return ""
+    first_s, last_s = after[reference]
+    found = f"found point times from {first_s:g} to {last_s:g} s after points_stamp"
+    needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times is {reference}"
+    return f"{found}, {needed}" + "".join(f", and {other} would fit" for other in fitting)
+
+
+def _fitting_unit(span_s: float) -> tuple[NamedUnit | None, float]:
+    """Find the unit, other than the one in which times were read, in which they span a sweep, and how long it is.
+
+    Whole numbers were read as nanoseconds, and all others as seconds, whose units are at least milliseconds.
+    """
+    for unit, seconds in SECONDS_PER_UNIT.items():
+        for of_reading in (1.0, SECONDS_PER_UNIT["ns"]):
+            is_finer = seconds < of_reading if of_reading == 1.0 else seconds > of_reading
+            if is_finer and MIN_SWEEP_S <= (fitting_s := span_s * seconds / of_reading) <= MAX_SWEEP_S:
+                name: NamedUnit = unit  # type: ignore[assignment]
+                return name, fitting_s
+    return None, 0.0
+
+
+def _overlap(span_s: float, gap_s: float) -> bool:
+    return span_s > MAX_OVERLAP * gap_s
+
+
+def _may_be_shares(first: float, last: float) -> bool:
+    return bool(SHARES[0] <= last - first <= SHARES[1] and first >= 0.0 and last <= SHARES[1])
