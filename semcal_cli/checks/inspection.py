@@ -97,6 +97,8 @@ class DriveReport:
     """Sentences about the networks that made the labels, and how far two of them differ."""
     advice: tuple[str, ...] = ()
     """Sentences about what is probably insufficient for a calibration, and what would help."""
+    image_levels: tuple[int, int] | None = None
+    """Values of 16-bit images that are shown as black and as white; None without such images."""
 
 
 def inspect(drive: Drive) -> DriveReport:
@@ -153,6 +155,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_sentences(check_frame_count(len(readable), num_scenes, field_of_view[0])),
             *motion.advice,
         ),
+        image_levels=drive.image_levels,
     )
 
 

@@ -135,11 +135,17 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
             "camera",
             f"{across:.1f} x {down:.1f} degrees; the accuracy of K and the lens is not checked here",
         ),
+        *([] if report.image_levels is None else [("images", _levels(*report.image_levels))]),
         ("points", f"{_commonest(of_points)}{none_needed}"),
         ("pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
         *(("network", line) for line in report.networks),
         ("both sides", ", ".join(report.shared_classes) or "no class name in common, which does not matter"),
     ]
+
+
+def _levels(black: int, white: int) -> str:
+    """Describe the brightness of 16-bit images."""
+    return f"16-bit numbers, of which {black:,} is shown as black and {white:,} as white"
 
 
 def _motion(report: DriveReport, span_s: float) -> str:

@@ -133,7 +133,9 @@ def label_on_the_way(
 
     start, whole = perf_counter(), read_drive(drive, max_points)
     chosen = with_few_frames(whole, max_frames)
-    sides = [image_side(labeller) for labeller in images.image_labellers(chosen, terminal)]
+    sides = [
+        image_side(labeller, chosen.image_levels) for labeller in images.image_labellers(chosen, terminal)
+    ]
     path, second = label_beside(chosen, sides, terminal.on_event)
     names = " and ".join(Path(name).name for name in images.image_model)
     did = f"{counted(len(chosen.frames), 'image')} by {names}, in {path}"
@@ -260,7 +262,10 @@ def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> l
     labellers = settings.image_labellers(drive, terminal, settings.device, settings.threads)
     if settings.preview is not None and labellers:
         _preview(drive, labellers[0], settings.preview, terminal)
-    sides = [image_side(labeller, has_probabilities=settings.probabilities) for labeller in labellers]
+    sides = [
+        image_side(labeller, drive.image_levels, has_probabilities=settings.probabilities)
+        for labeller in labellers
+    ]
     return [*sides[:1], *(replace(side, folder=f"{side.key}_2") for side in sides[1:])]
 
 

@@ -16,6 +16,7 @@ from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import InputError, MisplacedError, mismatch
 from semcal_cli.files.documents import read_document
+from semcal_cli.files.image_levels import ImageLevels
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import (
     FileName,
@@ -212,6 +213,7 @@ class Drive(StrictModel):
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
     _max_points: int = PrivateAttr(default=MAX_POINTS)
     _arrays: HeldArrays | None = PrivateAttr(default=None)
+    _image_levels: ImageLevels = PrivateAttr(default=ImageLevels())
 
     @classmethod
     def from_arrays(cls, **arrays: Unpack[ArrayInput]) -> Drive:
@@ -262,6 +264,11 @@ class Drive(StrictModel):
     def arrays(self) -> HeldArrays | None:
         """The arrays in place of files; None for a drive from files."""
         return self._arrays
+
+    @property
+    def image_levels(self) -> tuple[int, int] | None:
+        """Values of 16-bit images that are shown as black and as white; None without such images."""
+        return self._image_levels.get()
 
     def files(self) -> Iterator[str]:
         """List the names of all files of the drive."""
@@ -323,6 +330,7 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
         raise MisplacedError(f"{file}: found a calibration, needed a drive")
     drive = validate(Drive, document, file)
     drive._path, drive._max_points = file, max_points
+    drive._image_levels = ImageLevels([drive.resolve(frame.image) for frame in drive.frames if frame.image])
     return drive
 
 

@@ -253,7 +253,7 @@ def read_needed_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
     name = drive.name_of(frame, "image", "an image")
     if drive.arrays is not None:
         return image_of(drive.arrays.by_name[name])
-    return read_image(drive.resolve(name), drive.camera.size)
+    return read_image(drive.resolve(name), drive.camera.size, drive.image_levels)
 
 
 def remove_speckle(observations: Observations) -> Observations:
