@@ -198,6 +198,10 @@ class BagSettings(QuietSettings):
         "Take the intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
         metavar="FILE",
     )
+    bayer: Literal["rggb", "bggr", "gbrg", "grbg"] | None = option(
+        "Images are mosaics of this pattern, whatever their messages state: the colours of the first two pixels of the "
+        "first two rows."
+    )
     max_frames: int | None = option(
         "Keep at most N frames, chosen so that their scenes differ; 70 if neither this nor --every is given.",
         minimum=1,
@@ -236,9 +240,9 @@ class BagSettings(QuietSettings):
 def bag(settings: BagSettings) -> None:
     """Make a drive from a recording. ROS is not needed. Several PATHs are parts of one recording.
 
-    Sweeps keep all their fields, and JPEG and PNG images their bytes; video is decoded. Intrinsics come from
-    camera_info, the reference T_camera_lidar from /tf_static, and motion from odometry or /tf. Damaged parts are
-    reported and left out.
+    Sweeps keep all their fields, and JPEG and PNG images their bytes; video is decoded, and Bayer mosaics become
+    colours. Intrinsics come from camera_info, the reference T_camera_lidar from /tf_static, and motion from odometry or
+    /tf. Damaged parts are reported and left out.
     """
     for package in ("rosbags", "mcap"):
         check_installed("semcal import bag", package, "bag")

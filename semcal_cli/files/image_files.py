@@ -87,8 +87,9 @@ def read_pixels(path: Path, size: Size | None = None) -> RawPixels:
         image = None
     if image is None or image.shape[1::-1] != header_size:
         raise _damage_error(path)
-    pixels: RawPixels = np.asarray(image, np.uint16 if image.dtype == np.uint16 else np.uint8)
-    return pixels
+    if image.dtype == np.uint16:
+        return image.astype(np.uint16, copy=False)
+    return image.astype(np.uint8, copy=False)
 
 
 def has_16_bits(path: Path) -> bool:

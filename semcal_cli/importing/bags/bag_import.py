@@ -30,6 +30,7 @@ from semcal_cli.importing.bags.candidates import (
     spool_pairs,
     wanted_times,
 )
+from semcal_cli.importing.bags.image_messages import looks_like_mosaic
 from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.importing.bags.recorded_frames import WrittenFrame, image_folder, write_frames, write_motion
@@ -142,13 +143,27 @@ class _Import:
                 self._check_replaced(candidates)
                 chosen = choose(candidates, request, self.trajectory, self.left_out)
                 written_frames = write_frames(
-                    chosen, spool, camera, self.topics, self.path.parent, self.on_event, refusals, self.write
+                    chosen,
+                    spool,
+                    camera,
+                    self.topics,
+                    request.bayer,
+                    self.path.parent,
+                    self.on_event,
+                    refusals,
+                    self.write,
                 )
         except OSError as error:
             raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
         if not written_frames:
             raise self._no_pair(next(iter(refusals)))
         self.left_out += refusals
+        first_image = written_frames[0].source.image
+        if first_image is not None and looks_like_mosaic(first_image):
+            self.remarks.append(
+                f"{self.topics.image.name} looks like the mosaic of a Bayer camera, and its messages do not state the "
+                "pattern: --bayer rggb, bggr, gbrg or grbg makes colours of it"
+            )
         self.remarks += list(
             dict.fromkeys(frame.times.remark for frame in written_frames if frame.times.remark)
         )

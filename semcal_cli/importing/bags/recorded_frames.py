@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 from semcal_cli.events import Listener, Progress
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
-from semcal_cli.importing.bags.image_messages import image_file
+from semcal_cli.importing.bags.image_messages import Bayer, image_file
 from semcal_cli.importing.bags.messages import NS, MessageError
 from semcal_cli.importing.bags.point_messages import PointTimes, read_sweep
 from semcal_cli.importing.bags.recorded_motion import Trajectory
@@ -51,6 +51,7 @@ def write_frames(
     spool: Spool,
     camera: dict[str, Any],
     topics: Topics,
+    bayer: Bayer | None,
     folder: Path,
     on_event: Listener,
     left_out: Counter[str],
@@ -63,6 +64,7 @@ def write_frames(
         spool: Their messages.
         camera: The `camera:` block of the drive.
         topics: The topics that they come from.
+        bayer: Pattern of images that are mosaics; None for those that the messages name.
         folder: Folder of the drive.
         on_event: Called with each event.
         left_out: Counts the pairs that cannot be used, by reason.
@@ -74,7 +76,7 @@ def write_frames(
 
     def written_frame(candidate: SpooledPair) -> WrittenFrame | MessageError:
         try:
-            return _write_frame(candidate, spool, camera, topics, folder, write)
+            return _write_frame(candidate, spool, camera, topics, bayer, folder, write)
         except MessageError as error:
             return error
 
@@ -131,13 +133,14 @@ def _write_frame(
     spool: Spool,
     camera: dict[str, Any],
     topics: Topics,
+    bayer: Bayer | None,
     folder: Path,
     write: Callable[[bytes, Path], None],
 ) -> WrittenFrame:
     pair = candidate.pair
     sweep_message, image_message = spool.get(candidate)
     sweep = read_sweep(sweep_message, pair.sweep_ns)
-    file = image_file(image_message)
+    file = image_file(image_message, bayer)
     needed = camera["width"], camera["height"]
     if file.size != needed:
         image_size, camera_size = ("{} x {}".format(*size) for size in (file.size, needed))

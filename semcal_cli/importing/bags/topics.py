@@ -8,6 +8,7 @@ from pathlib import Path
 
 from semcal_cli.errors import InputError, check_installed, listed
 from semcal_cli.importing.bags.bag import Bag
+from semcal_cli.importing.bags.image_messages import Bayer
 from semcal_cli.importing.bags.messages import (
     CAMERA_INFO,
     CLOUDS,
@@ -58,6 +59,8 @@ class BagRequest:
     """Frame whose poses that topic holds; None for the one that its messages name."""
     odometry: bool = False
     """Whether the motion is estimated from the sweeps if no topic states it."""
+    bayer: Bayer | None = None
+    """Pattern of images that are mosaics; None for those that the messages name."""
 
 
 @dataclass(frozen=True)
