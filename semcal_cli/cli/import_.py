@@ -13,6 +13,7 @@ import click
 from semcal_cli.cli.options import QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
+from semcal_cli.config.directions import CameraFrame
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.errors import check_installed, counted, printable
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
@@ -197,6 +198,10 @@ class BagSettings(QuietSettings):
     intrinsics: Path | None = option(
         "Take the intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
         metavar="FILE",
+    )
+    frame: CameraFrame | None = option(
+        "Axes of the images' frame in /tf_static: optical (x right, y down, z forward) or body (x forward, y left, "
+        "z up). If not given, optical."
     )
     bayer: Literal["rggb", "bggr", "gbrg", "grbg"] | None = option(
         "Images are mosaics of this pattern, whatever their messages state: the colours of the first two pixels of the "

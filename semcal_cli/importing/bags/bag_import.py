@@ -117,14 +117,13 @@ class _Import:
 
     def run(self) -> ImportedDrive:
         self._check_output()
-        camera = self._camera()
+        camera, request = self._camera(), self.request
         tree, moving = read_frames(self.bag)
         lidar, optical = (self._first_frame(topic) for topic in (self.topics.points, self.topics.image))
         self.frame_ids = {self.topics.points: lidar, self.topics.image: optical}
         rectification = self.info if self.topics.is_rectified else None
-        T_camera_lidar, remarks = reference(tree, lidar, optical, rectification)
+        T_camera_lidar, remarks = reference(tree, lidar, optical, rectification, request.frame)
         self.remarks += remarks
-        request = self.request
         self.trajectory, reason = find_motion(
             self.bag, tree, moving, lidar, request.motion, request.motion_frame
         )

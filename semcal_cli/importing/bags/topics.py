@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from semcal_cli.config.directions import CameraFrame
 from semcal_cli.errors import InputError, check_installed, listed
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import Bayer
@@ -59,6 +60,8 @@ class BagRequest:
     """Frame whose poses that topic holds; None for the one that its messages name."""
     odometry: bool = False
     """Whether the motion is estimated from the sweeps if no topic states it."""
+    frame: CameraFrame | None = None
+    """Axes of the images' frame in the transforms; None for optical ones, with a remark if they seem to be others."""
     bayer: Bayer | None = None
     """Pattern of images that are mosaics; None for those that the messages name."""
 
