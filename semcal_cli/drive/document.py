@@ -41,7 +41,7 @@ RIG_FOUND = (
 )
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
 """Version keys of files with a transform, found in place of a drive if arguments are in the wrong order."""
-FILES = ("points", "point_labels", "image_labels", "image", "point_features", "image_features")
+FILES = ("points", "point_labels", "image_labels", "image", "mask", "point_features", "image_features")
 """Keys of a frame's files."""
 
 Id = Annotated[int, Field(ge=0, le=0xFFFF)]
@@ -93,6 +93,8 @@ class Frame(StrictModel):
     """File of the ids or class probabilities of the pixels."""
     image: FileName | None = None
     """File of the camera's image."""
+    mask: FileName | None = None
+    """File of the pixels of this image that do not show the scene, black there, in addition to `camera.mask`."""
     points_stamp: Stamp | None = None
     """Time of the sweep, in seconds."""
     image_stamp: Stamp | None = None
@@ -276,6 +278,8 @@ class Drive(StrictModel):
             yield from filter(None, (getattr(frame, key) for key in FILES))
         if self.motion and self.motion.poses:
             yield self.motion.poses
+        if isinstance(self.camera.mask, str):
+            yield self.camera.mask
 
     def resolve(self, relative: str) -> Path:
         """Locate a file of the drive. Absolute names stay as they are; neither `~` nor `$VAR` is expanded."""

@@ -99,7 +99,9 @@ def image_side(
             for key in OPTIONAL_KEYS
             if getattr(card, key) != ImageCard.model_fields[key].default
         },
-        "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
+        "rectified": labeller.camera.model_dump(mode="json", exclude={"mask"})
+        if labeller.is_rectified
+        else None,
         "probabilities": has_probabilities,
         **({} if levels is None else {"levels": levels}),
     }
