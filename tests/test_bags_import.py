@@ -91,6 +91,21 @@ def test_a_chain_of_fixed_frames_is_the_reference(kind: str, tmp_path: Path) -> 
     np.testing.assert_allclose(document["T_camera_lidar"], expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
+def test_binned_and_cropped_images_have_a_k_of_their_own(kind: str, tmp_path: Path) -> None:
+    K = np.array([[50.0, 0, 31.5], [0, 50.0, 23.5], [0, 0, 1]])
+    roi = {"x_offset": 16, "y_offset": 8, "width": 32, "height": 32}
+    stated = {"width": 64, "height": 48, "K": K.ravel(), "binning_x": 2, "binning_y": 2, "roi": roi}
+    path = small(tmp_path, kind, info=info(**stated))
+    drive = done(path, tmp_path / "drive").written
+    camera = read_drive(drive.path).camera
+    assert camera.size == (16, 16)
+    np.testing.assert_allclose(camera.K, [[25.0, 0, 7.5], [0, 25.0, 7.5], [0, 0, 1]])
+    assert any(
+        "for 64 x 48 pixels, is converted to the 16 x 16 of its binning" in line for line in drive.remarks
+    )
+
+
 @pytest.mark.parametrize(("quaternion", "direction"), [([0, 0, 0, 1], "up"), ([1, 0, 0, 0], "down")])
 def test_a_body_frame_is_noticed_by_its_name_and_its_axes(quaternion: list[float], direction: str) -> None:
     T_lidar_body = pose_from_quaternion(quaternion, [0.5, 0.0, -0.2])

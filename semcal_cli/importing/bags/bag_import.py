@@ -241,7 +241,14 @@ class _Import:
             self.remarks.append(
                 f"{image.name} holds rectified images: P of {topic.name} is used, not K and D"
             )
-        return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
+        block = camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
+        full, part = ("{width} x {height}".format(**size) for size in (self.info, block))
+        if full != part:
+            self.remarks.append(
+                f"K of {topic.name}, for {full} pixels, is converted to the {part} of its binning and region of "
+                "interest"
+            )
+        return block
 
     def _first_frame(self, topic: Topic) -> str:
         """Read the frame of the first message that has one, among the first few."""
