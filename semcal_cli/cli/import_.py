@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from semcal_cli.cli.options import QuietSettings, max_points
+from semcal_cli.cli.options import FrameSlice, QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
 from semcal_cli.config.directions import CameraFrame
@@ -27,25 +27,6 @@ MAX_REASONS = 10
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
 SIDES = "<<>>>><"
 """Alignment of the columns in the list of topics."""
-
-
-class FrameSlice(click.ParamType):  # type: ignore[type-arg]
-    """START:STOP:STEP as in Python."""
-
-    name = "START:STOP:STEP"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> slice:
-        """Parse the slice."""
-        if isinstance(value, slice):
-            return value
-        try:
-            parts = [int(part) if part else None for part in str(value).split(":")]
-        except ValueError:
-            parts = []
-        if len(parts) not in (2, 3) or (len(parts) == 3 and parts[2] is not None and parts[2] < 1):
-            needed = "START:STOP or START:STOP:STEP, with a step of at least 1"
-            self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
-        return slice(*parts)
 
 
 def _max_gap(default: float | None = None, **maximum: float) -> Any:

@@ -114,9 +114,7 @@ class ImageSettings:
         return labellers
 
 
-def label_on_the_way(
-    drive: Path, images: ImageSettings, max_frames: int, max_points: int, terminal: Terminal
-) -> Path:
+def label_on_the_way(drive: Drive, images: ImageSettings, max_frames: int, terminal: Terminal) -> Path:
     """Label evenly spaced images of a drive into a cache beside it.
 
     Returns:
@@ -125,14 +123,12 @@ def label_on_the_way(
     Raises:
         InputError: a model or the card is wrong, or an image cannot be labelled.
     """
-    from semcal_cli.drive.document import read_drive
     from semcal_cli.errors import counted
     from semcal_cli.labelling.labelled_drive import label_beside
     from semcal_cli.labelling.sides import image_side
     from semcal_cli.observations.frame_selection import with_few_frames
 
-    start, whole = perf_counter(), read_drive(drive, max_points)
-    chosen = with_few_frames(whole, max_frames)
+    start, chosen = perf_counter(), with_few_frames(drive, max_frames)
     sides = [
         image_side(labeller, chosen.image_levels) for labeller in images.image_labellers(chosen, terminal)
     ]
