@@ -106,6 +106,22 @@ def test_binned_and_cropped_images_have_a_k_of_their_own(kind: str, tmp_path: Pa
     )
 
 
+def test_a_k_of_resized_images_is_converted_only_on_request(tmp_path: Path) -> None:
+    K = np.array([[50.0, 0, 31.5], [0, 60.0, 31.5], [0, 0, 1]])
+    path = small(tmp_path, info=info(width=64, height=64, K=K.ravel()))
+    problem = refused(path, tmp_path / "drive")
+    assert (
+        "found an image of 16 x 16 pixels, needed 64 x 64, as its intrinsics state; if the images were"
+        in problem
+    )
+    camera = read_drive(done(path, tmp_path / "drive", is_resized=True).written.path).camera
+    np.testing.assert_allclose(camera.K, [[12.5, 0, 7.5], [0, 15.0, 7.5], [0, 0, 1]])
+    other = small(tmp_path / "other", info=info(width=64, height=48, K=K.ravel()))
+    assert "--resized" not in refused(other, tmp_path / "none")
+    problem = refused(other, tmp_path / "none", is_resized=True)
+    assert problem == "--resized: found images of 16 x 16 pixels, needed the aspect of 64 x 48, as K has"
+
+
 @pytest.mark.parametrize(("quaternion", "direction"), [([0, 0, 0, 1], "up"), ([1, 0, 0, 0], "down")])
 def test_a_body_frame_is_noticed_by_its_name_and_its_axes(quaternion: list[float], direction: str) -> None:
     T_lidar_body = pose_from_quaternion(quaternion, [0.5, 0.0, -0.2])

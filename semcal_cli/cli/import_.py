@@ -184,6 +184,11 @@ class BagSettings(QuietSettings):
         "Axes of the images' frame in /tf_static: optical (x right, y down, z forward) or body (x forward, y left, "
         "z up). If not given, optical."
     )
+    is_resized: bool = option(
+        "Images were resized after the camera was calibrated: convert K to their size, of the same aspect.",
+        "--resized",
+        default=False,
+    )
     bayer: Literal["rggb", "bggr", "gbrg", "grbg"] | None = option(
         "Images are mosaics of this pattern, whatever their messages state: the colours of the first two pixels of the "
         "first two rows."

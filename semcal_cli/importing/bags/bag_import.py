@@ -19,7 +19,7 @@ from semcal_cli.errors import InputError, os_reason
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.input_files import is_folder, is_same_file
 from semcal_cli.files.output_files import make_folder, no_empty_folder, remove_if_refused
-from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.formats.camera_block import read_intrinsics, resized
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.camera_messages import CameraInfo, camera_block, difference, read_camera_info
 from semcal_cli.importing.bags.candidates import (
@@ -30,7 +30,7 @@ from semcal_cli.importing.bags.candidates import (
     spool_pairs,
     wanted_times,
 )
-from semcal_cli.importing.bags.image_messages import looks_like_mosaic
+from semcal_cli.importing.bags.image_messages import image_file, looks_like_mosaic
 from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.importing.bags.recorded_frames import WrittenFrame, image_folder, write_frames, write_motion
@@ -218,6 +218,24 @@ class _Import:
         return InputError("; ".join([problem, *self.bag.damage_remarks()[:MAX_REMARKS]]))
 
     def _camera(self) -> dict[str, Any]:
+        """Read the camera, converted to the size of the first image if the user says that images were resized."""
+        block, image = self._stated_camera(), self.topics.image
+        if not self.request.is_resized:
+            return block
+        if self.video is not None or (first := self.bag.first(image)) is None:
+            raise InputError(f"--resized: found no still images in {image.name}, needed some")
+        try:
+            size = image_file(first).size
+        except MessageError as error:
+            raise InputError(f"{image.name}: {error}") from None
+        if (converted := resized(block, size)) is None:
+            sizes = [f"{width} x {height}" for width, height in (size, (block["width"], block["height"]))]
+            raise InputError(
+                f"--resized: found images of {sizes[0]} pixels, needed the aspect of {sizes[1]}, as K has"
+            )
+        return converted
+
+    def _stated_camera(self) -> dict[str, Any]:
         """Read the camera from the user's file, or from the first message of its topic."""
         if self.request.intrinsics is not None:
             return read_intrinsics(self.request.intrinsics)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.events import Listener, Progress
+from semcal_cli.formats.camera_block import resized
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import Bayer, image_file
 from semcal_cli.importing.bags.messages import NS, MessageError
@@ -144,8 +145,11 @@ def _write_frame(
     needed = camera["width"], camera["height"]
     if file.size != needed:
         image_size, camera_size = ("{} x {}".format(*size) for size in (file.size, needed))
+        advice = (
+            "" if resized(camera, file.size) is None else "; if the images were resized, --resized converts K"
+        )
         raise MessageError(
-            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state"
+            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state{advice}"
         )
     points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
     image = image_folder(folder, topics) / f"{seconds_text(pair.image_ns)}{file.suffix}"

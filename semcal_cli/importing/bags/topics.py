@@ -62,6 +62,8 @@ class BagRequest:
     """Whether the motion is estimated from the sweeps if no topic states it."""
     frame: CameraFrame | None = None
     """Axes of the images' frame in the transforms; None for optical ones, with a remark if they seem to be others."""
+    is_resized: bool = False
+    """Whether images were resized after the camera was calibrated, so that K is converted to their size."""
     bayer: Bayer | None = None
     """Pattern of images that are mosaics; None for those that the messages name."""
 
