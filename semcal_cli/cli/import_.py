@@ -90,7 +90,13 @@ class DatasetSettings(ImportSettings):
     """Options of the import of a data set."""
 
     root: Path = argument()
-    sequence: str | None = option("Name of the sequence; needed if there are several.", metavar="NAME")
+    sequences: tuple[str, ...] = option(
+        "Name of the sequence; needed if there are several. Give the option again for more of the same camera.",
+        "--sequence",
+        metavar="NAME",
+        multiple=True,
+        default=(),
+    )
     image_labels: Path | None = option("Take the label images from this folder.", metavar="DIR")
     point_labels: Path | None = option("Take the point labels from this folder.", metavar="DIR")
 
@@ -285,9 +291,15 @@ def _list(paths: tuple[Path, ...]) -> None:
 
 def _dataset_command(name: str, summary: str, help: str) -> click.Command:
     def read(settings: DatasetSettings) -> None:
-        from semcal_cli.importing.recording import Request
+        from semcal_cli.importing.recording import Request, join_sequences
 
-        settings.write(read_dataset(name, made_of(Request, settings)))
+        sequences: list[str | None] = [*dict.fromkeys(settings.sequences)] or [None]
+        recordings = {
+            str(sequence): read_dataset(name, made_of(Request, settings, sequence=sequence))
+            for sequence in sequences
+        }
+        by_name = settings.image_labels is not None or settings.point_labels is not None
+        settings.write(join_sequences(recordings, are_labelled_by_name=by_name))
 
     return SettingsCommand(
         name,

@@ -57,9 +57,8 @@ def merge_drives(drives: Sequence[Drive], out: Path) -> MergedDrive:
             raise InputError(f"{path}: found one of the drives to merge, needed another -o")
         _check_same(first, drive)
     left_out = tuple(key for key in OPTIONAL if not _have_same(drives, key))
-    # A clock that nobody stated is not stated by a copy.
-    unstated = {"time_offset_sigma_s"} - first.model_fields_set
-    document = first.model_dump(mode="json", exclude_none=True, exclude={*unstated, *left_out})
+    # What nobody stated, such as the clock, is not stated by a copy.
+    document = first.model_dump(mode="json", exclude_unset=True, exclude_none=True, exclude=set(left_out))
     document["frames"] = [frame for drive in drives for frame in _frames(drive, path)]
     if isinstance(first.camera.mask, str):
         document["camera"]["mask"] = _relative(first, first.camera.mask, path)
