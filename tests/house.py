@@ -28,7 +28,7 @@ MORE_PUBLIC_NAMES = {
     "checks": 27,
     "drive": 40,
     "estimation/uncertainty": 29,
-    "files": 82,
+    "files": 83,
     "geometry": 30,
     "observations": 62,
     "pipeline": 29,

@@ -31,12 +31,14 @@ from bags import KINDS, NS, START_NS, BagWriter, Messages
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.files.image_files import read_image
+from semcal_cli.formats.frame_names import T_BODY_OPTICAL
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.poses import pose_from_mounting
+from semcal_cli.geometry.poses import pose_from_mounting, pose_from_quaternion
 from semcal_cli.importing.bags.bag_import import import_bag
 from semcal_cli.importing.bags.messages import Message, Topic
 from semcal_cli.importing.bags.recorded_motion import MotionSource, Trajectory
 from semcal_cli.importing.bags.topics import BagRequest
+from semcal_cli.importing.bags.transforms import FrameTree, reference
 from semcal_cli.observations.reading import load_points
 
 
@@ -87,6 +89,65 @@ def test_a_chain_of_fixed_frames_is_the_reference(kind: str, tmp_path: Path) -> 
     document = imported(small(tmp_path, kind, tf_static=CHAIN), tmp_path / "drive")
     expected = np.linalg.inv(BODY @ T_MOUNT) @ MAST @ T_MOUNT
     np.testing.assert_allclose(document["T_camera_lidar"], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
+def test_binned_and_cropped_images_have_a_k_of_their_own(kind: str, tmp_path: Path) -> None:
+    K = np.array([[50.0, 0, 31.5], [0, 50.0, 23.5], [0, 0, 1]])
+    roi = {"x_offset": 16, "y_offset": 8, "width": 32, "height": 32}
+    stated = {"width": 64, "height": 48, "K": K.ravel(), "binning_x": 2, "binning_y": 2, "roi": roi}
+    path = small(tmp_path, kind, info=info(**stated))
+    drive = done(path, tmp_path / "drive").written
+    camera = read_drive(drive.path).camera
+    assert camera.size == (16, 16)
+    np.testing.assert_allclose(camera.K, [[25.0, 0, 7.5], [0, 25.0, 7.5], [0, 0, 1]])
+    assert any(
+        "for 64 x 48 pixels, is converted to the 16 x 16 of its binning" in line for line in drive.remarks
+    )
+
+
+def test_a_k_of_resized_images_is_converted_only_on_request(tmp_path: Path) -> None:
+    K = np.array([[50.0, 0, 31.5], [0, 60.0, 31.5], [0, 0, 1]])
+    path = small(tmp_path, info=info(width=64, height=64, K=K.ravel()))
+    problem = refused(path, tmp_path / "drive")
+    assert (
+        "found an image of 16 x 16 pixels, needed 64 x 64, as its intrinsics state; if the images were"
+        in problem
+    )
+    camera = read_drive(done(path, tmp_path / "drive", is_resized=True).written.path).camera
+    np.testing.assert_allclose(camera.K, [[12.5, 0, 7.5], [0, 15.0, 7.5], [0, 0, 1]])
+    other = small(tmp_path / "other", info=info(width=64, height=48, K=K.ravel()))
+    assert "--resized" not in refused(other, tmp_path / "none")
+    problem = refused(other, tmp_path / "none", is_resized=True)
+    assert problem == "--resized: found images of 16 x 16 pixels, needed the aspect of 64 x 48, as K has"
+
+
+@pytest.mark.parametrize(("quaternion", "direction"), [([0, 0, 0, 1], "up"), ([1, 0, 0, 0], "down")])
+def test_a_body_frame_is_noticed_by_its_name_and_its_axes(quaternion: list[float], direction: str) -> None:
+    T_lidar_body = pose_from_quaternion(quaternion, [0.5, 0.0, -0.2])
+
+    def found(name: str, T_lidar_camera: Pose, axes: Any = None) -> tuple[Pose | None, str]:
+        tree = FrameTree()
+        tree.add(("lidar", name), T_lidar_camera)
+        T_camera_lidar, remarks = reference(tree, "lidar", name, None, axes)
+        return T_camera_lidar, "\n".join(remarks)
+
+    T_camera_lidar, remark = found("camera_link", T_lidar_body)
+    assert "'camera_link' is probably a body frame (x forward, y left, z up)" in remark
+    assert (
+        f"the camera looks {direction} along the LiDAR's z axis. --frame body converts the reference"
+        in remark
+    )
+    np.testing.assert_allclose(T_camera_lidar, np.linalg.inv(T_lidar_body))
+    T_camera_lidar, remark = found("camera_link", T_lidar_body, "body")
+    np.testing.assert_allclose(T_camera_lidar, np.linalg.inv(T_lidar_body @ T_BODY_OPTICAL), atol=1e-12)
+    assert "probably" not in remark
+    for name, T, axes in (
+        ("camera_optical", T_lidar_body, None),  # looks up, as it says
+        ("camera_link", T_lidar_body @ T_BODY_OPTICAL, None),  # looks forward
+        ("camera_link", T_lidar_body, "optical"),
+    ):
+        assert "probably" not in found(name, T, axes)[1]
 
 
 def moved(stamp: int) -> Pose:

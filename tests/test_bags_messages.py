@@ -26,7 +26,7 @@ from bag_imports import (
 from bags import START_NS, BagWriter, Messages, jpeg, png
 
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.importing.bags.image_messages import ENCODINGS, image_file
+from semcal_cli.importing.bags.image_messages import ENCODINGS, ImageFile, image_file
 from semcal_cli.importing.bags.messages import NS, Message, MessageError, Span, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.observations.reading import read_clouds
@@ -165,6 +165,11 @@ def mosaic(pattern: str) -> np.ndarray:
     return stored
 
 
+def file_of(bag: Messages, message: Any, bayer: Any = None) -> ImageFile:
+    topic = Topic("/image", message.__msgtype__, is_ros1=bag.is_ros1)
+    return image_file(Message(topic, START_NS, bag.raw(message)), bayer)
+
+
 def stored_pixels(encoding: str) -> tuple[np.ndarray, np.ndarray]:
     """Pixels in an encoding, and what they are to become."""
     alpha = np.dstack([COLORS, np.full(GREY.shape, 9, np.uint8)])
@@ -228,6 +233,47 @@ def test_compressed_images_keep_their_bytes(encode: Any, suffix: str) -> None:
     raw = bag.raw(message)
     file = image_file(Message(Topic("/image", message.__msgtype__, is_ros1=True), START_NS, raw))
     assert file == (content, suffix, (16, 16))
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_compressed_mosaics_become_colours(pattern: str, bits: int) -> None:
+    stored = mosaic(pattern).astype(np.uint16) * 257 if bits == 16 else mosaic(pattern)
+    bag = Messages("ros1")
+    expected = file_of(bag, bag.image(stored, f"bayer_{pattern}{bits}", START_NS))
+    compressed = bag.compressed(png(stored), f"bayer_{pattern}{bits}; png compressed ", START_NS)
+    assert file_of(bag, compressed) == expected
+    # --bayer takes precedence, and serves messages that state no pattern.
+    wrong = "bayer_rggb8" if pattern != "rggb" else "bayer_bggr8"
+    for message in (
+        bag.compressed(png(stored), "png", START_NS),
+        bag.compressed(png(stored), f"{wrong}; png compressed ", START_NS),
+        bag.image(stored, f"mono{bits}", START_NS),
+    ):
+        assert file_of(bag, message, pattern) == expected
+
+
+def test_mosaics_in_jpeg_become_colours_and_colours_keep_their_bytes() -> None:
+    stored, colored = mosaic("grbg"), jpeg(COLORS)
+    bag = Messages("ros1")
+    for content in (jpeg(stored), jpeg(np.dstack([stored] * 3))):
+        file = file_of(bag, bag.compressed(content, "bayer_grbg8; jpeg compressed ", START_NS))
+        decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE)
+        found = cv2.imdecode(np.frombuffer(file.content, np.uint8), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(found, cv2.cvtColor(decoded, cv2.COLOR_BayerGRBG2BGR))
+    message = bag.compressed(colored, "bayer_grbg8; jpeg compressed bgr8", START_NS)
+    assert file_of(bag, message).content == colored
+    for of_colors in (message, bag.image(COLORS, "bgr8", START_NS)):
+        with pytest.raises(
+            MessageError, match="found a colour image, needed a grey one: --bayer rggb states"
+        ):
+            file_of(bag, of_colors, "rggb")
+
+
+def test_a_mosaic_that_no_message_states_is_noticed(tmp_path: Path) -> None:
+    path = small(tmp_path, image=lambda bag, index, stamp: bag.image(mosaic("rggb"), "mono8", stamp))
+    assert "/cam/image_raw looks like the mosaic of a Bayer camera" in remarks(path, tmp_path / "grey")
+    assert "mosaic" not in remarks(path, tmp_path / "colours", bayer="rggb")
 
 
 def test_points_without_a_range_have_no_times() -> None:

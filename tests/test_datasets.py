@@ -10,6 +10,7 @@ from commands import invoke, unwrapped
 from dataset_imports import Import, check_files
 from dataset_trees import (
     CARLA_PLY,
+    KITTI_RAW_DRIVE,
     TREES,
     kitti_odometry,
     moved,
@@ -65,6 +66,21 @@ def test_frames_of_one_calibration_make_a_drive(tmp_path: Path) -> None:
     of.root = folder
     assert len(of.run().frames) == 3
     assert "--sequence" not in of.stderr
+
+
+def test_several_sequences_make_one_drive(tmp_path: Path) -> None:
+    of = Import("kitti-raw", tmp_path)
+    first = of.root / KITTI_RAW_DRIVE
+    second = first.with_name("2011_09_26_drive_0002_sync")
+    shutil.copytree(first, second)
+    sequences = "--sequence", first.name, "--sequence", second.name
+    drive = of.run(*sequences)
+    assert [first.name in frame.points for frame in drive.frames] == [True, True, False, False]
+    check_files(drive)
+    (tmp_path / "labels").mkdir()
+    found = of.complaint(*sequences, "--point-labels", tmp_path / "labels", "--force")
+    assert "--sequence: found frame 0000000000 in " in found
+    assert "import each sequence alone, and use `semcal merge`" in found
 
 
 # Options

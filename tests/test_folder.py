@@ -30,7 +30,14 @@ from semcal_cli.observations.reading import read_clouds
         ("0000000005", None),
         ("0000000002_0000000385", None),
         ("0000000005_000", None),
-        ("20240131_120000", None),
+        ("20240131_120000", None),  # whole seconds pair nothing
+        ("20240131_120000_123", 1706702400.123),
+        ("2024-01-31T12-00-00.123456", 1706702400.123456),
+        ("lidar_2024-01-31-12-00-00_123456789", 1706702400.123456789),
+        ("20240131120000123", 1706702400.123),
+        ("2024_01_31_drive_0001_sync_0000000005", None),
+        ("2024-13-31-12-00-00-123", None),
+        ("2024-02-31-12-00-00-123", None),
         ("1581624663.5", 1581624663.5),
         ("1581624663_98000000", 1581624663.098),
         ("1581624663.149000072479248", 1581624663.149),
@@ -110,6 +117,19 @@ def test_pairs_by_name_whatever_the_suffix() -> None:
         pairs(files("a/1.bin"), files("a/1.png", "b/1.png"), max_gap_s=0.05)
 
 
+def test_pairs_by_number_where_no_names_are_the_same() -> None:
+    clouds, images = (
+        files("lidar_0012.pcd", "lidar_0013.pcd", "lidar_0014.pcd"),
+        files("cam2_12.png", "cam2_14.png"),
+    )
+    assert pairs(clouds, images, 0.05) == {clouds[0]: images[0], clouds[2]: images[1]}
+    last = files("000012_left_2.png", "000013_left_2.png")
+    assert pairs(clouds, last, 0.05) == {clouds[0]: last[0], clouds[1]: last[1]}
+    assert pairs(clouds, files("left_2_a1.png", "right_2_a1.png"), 0.05) == {}
+    same = files("cam_12.png", "lidar_0013.png")
+    assert pairs(clouds, same, 0.05) == {clouds[1]: same[1]}
+
+
 def test_own_data(tmp_path: Path) -> None:
     arguments = own_data(tmp_path / "own")
     reference = tmp_path / "reference.yaml"
@@ -123,6 +143,20 @@ def test_own_data(tmp_path: Path) -> None:
     assert drive.frames[0].points_stamp is None
     np.testing.assert_array_equal(drive.T_camera_lidar, T)
     assert "note: --image-labels: 2 pairs by name; unpaired: 1 cloud, 1 file\n" in stderr
+
+
+def test_files_paired_by_number_are_named(tmp_path: Path) -> None:
+    arguments = own_data(tmp_path / "own")
+    for path in (tmp_path / "own" / "labels").iterdir():
+        path.rename(path.with_name(f"cam_{path.name.lstrip('0')}"))
+    stderr = run_import("folder", *arguments, "-o", tmp_path / "drive.yaml")
+    assert [frame.image_labels for frame in read_drive(tmp_path / "drive.yaml").frames] == [
+        "own/labels/cam_2.png",
+        "own/labels/cam_3.png",
+    ]
+    assert "2 pairs by the numbers in their names, such as 000002.bin with cam_2.png" in " ".join(
+        stderr.split()
+    )
 
 
 COUNTS = (

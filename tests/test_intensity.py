@@ -13,16 +13,14 @@ from commands import invoke
 from conftest import edited, make_pose
 
 from semcal_cli import core
-from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import choose_frames, load_cues, summed
-from semcal_cli.observations.cues.intensity import INTENSITY, lens_mask, observe_intensity
+from semcal_cli.observations.cues.intensity import INTENSITY, observe_intensity
 from semcal_cli.observations.observations import Observations
-from semcal_cli.synthetic.synthesis import make_camera
 
 UNMOVED = 0.9
 """Share of the levels that a slow change leaves within one of where they were."""
@@ -135,15 +133,6 @@ def test_cues_together_add_up(street: Path, street_observations: Observations, s
     many = replace(street_observations, point_class_names=[str(i) for i in range(250)])
     with pytest.raises(CalibrationError, match="found more than 255 classes in all cues"):
         summed(many, intensity)
-
-
-def test_pixels_beyond_the_lens_have_no_level() -> None:
-    K = ((30.0, 0.0, 159.5), (0.0, 30.0, 99.5), (0.0, 0.0, 1.0))
-    camera = make_camera(SynthConfig(lens="fisheye", width=320, height=200)).model_copy(update={"K": K})
-    reached = lens_mask(camera)
-    assert 0.1 < reached.mean() < 1.0
-    assert reached[100, 160]
-    assert not reached[0, 0]
 
 
 def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:

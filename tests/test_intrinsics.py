@@ -47,20 +47,50 @@ def test_intrinsics(tmp_path: Path, text: str, camera: str | None, expected: dic
     assert read_intrinsics(tmp_path / "camera.yaml", camera) == LENS | expected
 
 
+def test_intrinsics_of_a_part_of_the_image(tmp_path: Path) -> None:
+    """The K of each binned pixel's mean ray, and of a region, is that of the full image (CameraInfo.msg)."""
+    path, text = tmp_path / "camera.yaml", ROS_ECHO
+    for found, instead in (
+        ("binning_x: 0", "binning_x: 2"),
+        ("binning_y: 1", "binning_y: 4"),
+        ("x_offset: 0", "x_offset: 8"),
+        ("y_offset: 0", "y_offset: 4"),
+        ("  width: 64", "  width: 40"),
+        ("  height: 32", "  height: 24"),
+    ):
+        assert found in text
+        text = text.replace(found, instead)
+    write(path, text)
+    block = read_intrinsics(path)
+    assert (block["width"], block["height"], block["distortion"]) == (20, 6, [-0.1, 0.2, 0.001, 0.002, 0.3])
+    (fx, _, cx), (_, fy, cy), _ = block["K"]
+    (full_fx, _, full_cx), (_, full_fy, full_cy), _ = LENS["K"]
+    u, v = np.arange(20), np.arange(6)
+    means_u, means_v = 8 + 2 * u + 0.5, 4 + 4 * v + 1.5  # of the pixels that are binned
+    np.testing.assert_allclose((u - cx) / fx, (means_u - full_cx) / full_fx)
+    np.testing.assert_allclose((v - cy) / fy, (means_v - full_cy) / full_fy)
+
+
 @pytest.mark.parametrize(
     ("found", "instead", "expected"),
     [
-        ("binning_y: 1", "binning_y: 2", "binning_y: found 2, needed 0 or 1"),
-        ("x_offset: 0", "x_offset: 8", "roi.x_offset: found 8, needed 0"),
-        ("  height: 32", "  height: 16", "roi.height: found 16, needed 0 or 32"),
+        ("binning_y: 1", "binning_y: -2", "binning_y: found -2, needed a whole number of at least 0"),
+        ("binning_y: 1", "binning_y: 33", "binning_y: found 33, needed at most 32, the height"),
+        (
+            "x_offset: 0",
+            "x_offset: 8",
+            "roi: found x_offset 8 and width 64, needed a region within the width 64",
+        ),
+        ("  height: 32", "  height: 0.5", "roi.height: found 0.5, needed a whole number of at least 0"),
     ],
 )
-def test_intrinsics_of_a_part_of_the_image(tmp_path: Path, found: str, instead: str, expected: str) -> None:
+def test_wrong_parts_of_the_image(tmp_path: Path, found: str, instead: str, expected: str) -> None:
     path = tmp_path / "camera.yaml"
+    assert found in ROS_ECHO
     write(path, ROS_ECHO.replace(found, instead))
     with pytest.raises(InputError) as error:
         read_intrinsics(path, None)
-    assert str(error.value) == f"{path}: {expected}: K is for the full image"
+    assert str(error.value) == f"{path}: {expected}"
 
 
 def test_four_coefficients_of_opencv_may_be_two_models(tmp_path: Path) -> None:

@@ -1,11 +1,19 @@
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import invoke
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.observations.frame_selection import farthest_points, num_different, select_frames
+from semcal_cli.observations.frame_naming import frame_names
+from semcal_cli.observations.frame_selection import (
+    chosen_frames,
+    farthest_points,
+    num_different,
+    select_frames,
+)
 
 
 def test_rows_that_differ_are_chosen_before_rows_that_repeat() -> None:
@@ -21,6 +29,23 @@ def test_a_long_drive_keeps_its_order_and_a_short_one_everything(street: Path) -
     assert select_frames(drive, 4) is drive
     twice = drive.model_copy(update={"frames": drive.frames[:2] + drive.frames[:2] + drive.frames[2:]})
     assert select_frames(twice, 4).frames == drive.frames
+
+
+def test_frames_are_chosen_and_left_out(street: Path) -> None:
+    drive = read_drive(street)
+    names = frame_names([frame.points for frame in drive.frames])
+    left = chosen_frames(drive, slice(1, None, 2), [names[1]]).frames
+    assert left == drive.frames[3::2]
+    assert chosen_frames(drive, None, [drive.frames[0].points]).frames == drive.frames[1:]
+    with pytest.raises(InputError, match=rf"--exclude: found no frame 'x', needed one of: {names[0]}, "):
+        chosen_frames(drive, None, ["x"])
+    with pytest.raises(InputError, match=r"found no frame that is left of \d+ frames, needed one"):
+        chosen_frames(drive, slice(0, 1), [names[0]])
+    run = invoke(
+        "calibrate", street, "--frames", "0:3", "--exclude", names[1], "--no-polish", "--json", "--quiet"
+    )
+    used = [frame["points"] for frame in json.loads(run.stdout)["input"]["frames"]]
+    assert used == [drive.frames[0].points, drive.frames[2].points]
 
 
 def test_a_missing_label_image_is_named(street: Path) -> None:

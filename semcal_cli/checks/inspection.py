@@ -101,6 +101,8 @@ class DriveReport:
     """Sentences about the networks that made the labels, and how far two of them differ."""
     advice: tuple[str, ...] = ()
     """Sentences about what is probably insufficient for a calibration, and what would help."""
+    image_levels: tuple[int, int] | None = None
+    """Values of 16-bit images that are shown as black and as white; None without such images."""
 
 
 def inspect(drive: Drive) -> DriveReport:
@@ -160,6 +162,7 @@ def inspect(drive: Drive) -> DriveReport:
             *motion.advice,
             *_sentences(check_seam(drive, clouds)),
         ),
+        image_levels=drive.image_levels,
     )
 
 

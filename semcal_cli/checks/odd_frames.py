@@ -25,7 +25,7 @@ from semcal_cli.observations.observations import Observations
 
 ODD_FRAMES = Check(
     topic="odd-frames",
-    advice="check the times and names of the files, or remove these frames",
+    advice="check the times and names of the files, or leave these frames out (--exclude FRAME)",
     entry=Entry(
         title="Single frames do not fit",
         section=PageSection.FILES,
@@ -33,12 +33,12 @@ ODD_FRAMES = Check(
             (
                 "points and pixels of 000003 may not belong together, since 000003 agrees 9% as well as "
                 "others, needed at least 35%, or better than with images of other frames: check the times "
-                "and names of the files, or remove these frames"
+                "and names of the files, or leave these frames out (--exclude FRAME)"
             ),
         ),
         meaning="Most frames fit, but these do not.",
         cause="An image is from another moment or mirrored, or labels belong to another file.",
-        remedy="Look at the overlays of these frames; correct them, or remove them from the drive.",
+        remedy="Look at the overlays of these frames; correct them, or leave them out by `--exclude FRAME`.",
         figure=(
             "Information of the worst frame, relative to that of the best quarter of frames, and with "
             "images of other frames. The check needs two frames."

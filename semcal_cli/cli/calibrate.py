@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
+import click
+
 from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.label import label_on_the_way
 from semcal_cli.cli.settings import command
@@ -27,13 +29,13 @@ def calibrate(settings: CalibrateSettings) -> None:
     if (rig := find_rig(settings.drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
+        if settings.has_chosen_frames:
+            raise click.UsageError("--frames, --exclude: found a rig, needed the drive of one camera.")
         sys.exit(calibrate_rig(rig, settings))
     if settings.image_model:
         with settings.terminal() as terminal:
-            drive = label_on_the_way(
-                settings.drive, settings, settings.max_frames, settings.max_points, terminal
-            )
-        settings = replace(settings, drive=drive)
+            drive = label_on_the_way(settings.read_drive(), settings, settings.max_frames, terminal)
+        settings = replace(settings, drive=drive, frames=None, exclude=())
     sys.exit(_calibrate_drive(settings))
 
 

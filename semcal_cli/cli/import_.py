@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 
-from semcal_cli.cli.options import QuietSettings, max_points
+from semcal_cli.cli.options import FrameSlice, QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
+from semcal_cli.config.directions import CameraFrame
 from semcal_cli.config.point_files import (
     MAX_UNIT_S,
     SECONDS_PER_UNIT,
@@ -33,25 +34,6 @@ MAX_REASONS = 10
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
 SIDES = "<<>>>><"
 """Alignment of the columns in the list of topics."""
-
-
-class FrameSlice(click.ParamType):  # type: ignore[type-arg]
-    """START:STOP:STEP as in Python."""
-
-    name = "START:STOP:STEP"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> slice:
-        """Parse the slice."""
-        if isinstance(value, slice):
-            return value
-        try:
-            parts = [int(part) if part else None for part in str(value).split(":")]
-        except ValueError:
-            parts = []
-        if len(parts) not in (2, 3) or (len(parts) == 3 and parts[2] is not None and parts[2] < 1):
-            needed = "START:STOP or START:STOP:STEP, with a step of at least 1"
-            self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
-        return slice(*parts)
 
 
 class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
@@ -185,7 +167,13 @@ class DatasetSettings(ImportSettings):
     """Options of the import of a data set."""
 
     root: Path = argument()
-    sequence: str | None = option("Name of the sequence; needed if there are several.", metavar="NAME")
+    sequences: tuple[str, ...] = option(
+        "Name of the sequence; needed if there are several. Give the option again for more of the same camera.",
+        "--sequence",
+        metavar="NAME",
+        multiple=True,
+        default=(),
+    )
     image_labels: Path | None = option("Take the label images from this folder.", metavar="DIR")
     point_labels: Path | None = option("Take the point labels from this folder.", metavar="DIR")
 
@@ -275,6 +263,19 @@ class BagSettings(QuietSettings):
         "Take the intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
         metavar="FILE",
     )
+    frame: CameraFrame | None = option(
+        "Axes of the images' frame in /tf_static: optical (x right, y down, z forward) or body (x forward, y left, "
+        "z up). If not given, optical."
+    )
+    is_resized: bool = option(
+        "Images were resized after the camera was calibrated: convert K to their size, of the same aspect.",
+        "--resized",
+        default=False,
+    )
+    bayer: Literal["rggb", "bggr", "gbrg", "grbg"] | None = option(
+        "Images are mosaics of this pattern, whatever their messages state: the colours of the first two pixels of the "
+        "first two rows."
+    )
     max_frames: int | None = option(
         "Keep at most N frames, chosen so that their scenes differ; 70 if neither this nor --every is given.",
         minimum=1,
@@ -320,9 +321,9 @@ class BagSettings(QuietSettings):
 def bag(settings: BagSettings) -> None:
     """Make a drive from a recording. ROS is not needed. Several PATHs are parts of one recording.
 
-    Sweeps keep all their fields, and JPEG and PNG images their bytes; video is decoded. Intrinsics come from
-    camera_info, the reference T_camera_lidar from /tf_static, and motion from odometry or /tf. Damaged parts are
-    reported and left out.
+    Sweeps keep all their fields, and JPEG and PNG images their bytes; video is decoded, and Bayer mosaics become
+    colours. Intrinsics come from camera_info, the reference T_camera_lidar from /tf_static, and motion from odometry or
+    /tf. Damaged parts are reported and left out.
     """
     for package in ("rosbags", "mcap"):
         check_installed("semcal import bag", package, "bag")
@@ -376,9 +377,15 @@ def _list(paths: tuple[Path, ...]) -> None:
 
 def _dataset_command(name: str, summary: str, help: str) -> click.Command:
     def read(settings: DatasetSettings) -> None:
-        from semcal_cli.importing.recording import Request
+        from semcal_cli.importing.recording import Request, join_sequences
 
-        settings.write(read_dataset(name, made_of(Request, settings)))
+        sequences: list[str | None] = [*dict.fromkeys(settings.sequences)] or [None]
+        recordings = {
+            str(sequence): read_dataset(name, made_of(Request, settings, sequence=sequence))
+            for sequence in sequences
+        }
+        by_name = settings.image_labels is not None or settings.point_labels is not None
+        settings.write(join_sequences(recordings, are_labelled_by_name=by_name))
 
     return SettingsCommand(
         name,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import json_flag, max_points
+from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import argument, command, option
 from semcal_cli.errors import counted, printable
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from semcal_cli.checks.inspection import DriveReport
+    from semcal_cli.drive.document import Drive
 
 NUM_NAMED = 4
 """Number of classes that the table names, most common first."""
@@ -35,9 +37,15 @@ WIDE = 240
 class InspectSettings:
     """Settings of `inspect`."""
 
+    rules = [given("--find-mask").excludes("--frames", "--json", because="it only writes a mask")]
     drive: Path = argument()
     with_frames: bool = option("Also print one row per frame.", "--frames", default=False)
     as_json: bool = json_flag()
+    find_mask: Path | None = option(
+        "Only propose a mask, .png: black where images never change while the rig moves, as on the car's own bonnet. "
+        "Look at it before you use it as camera.mask.",
+        metavar="FILE",
+    )
     max_points: int = max_points()
 
 
@@ -55,6 +63,9 @@ def inspect(settings: InspectSettings) -> None:
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
+    if settings.find_mask is not None:
+        _write_mask(read_drive(path, max_points), settings.find_mask)
+        return
     drives = {"": read_drive(path, max_points)} if rig is None else rig.read_drives(max_points)
     reports = {}
     with Terminal(quiet=settings.as_json) as terminal:
@@ -66,6 +77,21 @@ def inspect(settings: InspectSettings) -> None:
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
     _print(reports, with_frames=settings.with_frames)
+
+
+def _write_mask(drive: Drive, path: Path) -> None:
+    """Propose a mask of the car's own parts, and write it if there is one."""
+    from semcal_cli.files.image_files import write_image
+    from semcal_cli.observations.proposed_mask import propose_mask
+
+    is_scene = propose_mask(drive)
+    share = 1.0 - is_scene.mean()
+    if not share:
+        click.echo(f"no mask is needed: everything changes over the images of {drive.path}", err=True)
+        return
+    write_image((255 * is_scene).astype("uint8"), path)
+    use = f"look at it, and use it as camera: {{mask: {os.path.relpath(path, drive.root)}}}"
+    click.echo(f"wrote {path}: {share:.1%} of the image never change; {use}", err=True)
 
 
 def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
@@ -135,11 +161,17 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
             "camera",
             f"{across:.1f} x {down:.1f} degrees; the accuracy of K and the lens is not checked here",
         ),
+        *([] if report.image_levels is None else [("images", _levels(*report.image_levels))]),
         ("points", f"{_commonest(of_points)}{none_needed}"),
         ("pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
         *(("network", line) for line in report.networks),
         ("both sides", ", ".join(report.shared_classes) or "no class name in common, which does not matter"),
     ]
+
+
+def _levels(black: int, white: int) -> str:
+    """Describe the brightness of 16-bit images."""
+    return f"16-bit numbers, of which {black:,} is shown as black and {white:,} as white"
 
 
 def _motion(report: DriveReport, span_s: float) -> str:

@@ -114,9 +114,7 @@ class ImageSettings:
         return labellers
 
 
-def label_on_the_way(
-    drive: Path, images: ImageSettings, max_frames: int, max_points: int, terminal: Terminal
-) -> Path:
+def label_on_the_way(drive: Drive, images: ImageSettings, max_frames: int, terminal: Terminal) -> Path:
     """Label evenly spaced images of a drive into a cache beside it.
 
     Returns:
@@ -125,15 +123,15 @@ def label_on_the_way(
     Raises:
         InputError: a model or the card is wrong, or an image cannot be labelled.
     """
-    from semcal_cli.drive.document import read_drive
     from semcal_cli.errors import counted
     from semcal_cli.labelling.labelled_drive import label_beside
     from semcal_cli.labelling.sides import image_side
     from semcal_cli.observations.frame_selection import with_few_frames
 
-    start, whole = perf_counter(), read_drive(drive, max_points)
-    chosen = with_few_frames(whole, max_frames)
-    sides = [image_side(labeller) for labeller in images.image_labellers(chosen, terminal)]
+    start, chosen = perf_counter(), with_few_frames(drive, max_frames)
+    sides = [
+        image_side(labeller, chosen.image_levels) for labeller in images.image_labellers(chosen, terminal)
+    ]
     path, second = label_beside(chosen, sides, terminal.on_event)
     names = " and ".join(Path(name).name for name in images.image_model)
     did = f"{counted(len(chosen.frames), 'image')} by {names}, in {path}"
@@ -260,7 +258,10 @@ def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> l
     labellers = settings.image_labellers(drive, terminal, settings.device, settings.threads)
     if settings.preview is not None and labellers:
         _preview(drive, labellers[0], settings.preview, terminal)
-    sides = [image_side(labeller, has_probabilities=settings.probabilities) for labeller in labellers]
+    sides = [
+        image_side(labeller, drive.image_levels, has_probabilities=settings.probabilities)
+        for labeller in labellers
+    ]
     return [*sides[:1], *(replace(side, folder=f"{side.key}_2") for side in sides[1:])]
 
 

@@ -15,12 +15,33 @@ from semcal_cli.files.output_files import descriptor
 
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.document import Drive
 
 MAX_THREADS = 1024
 MAX_MAX_POINTS = 2**32 - 1
 """Largest value of --max-points."""
 MAX_LIMIT = 1e6
 """Largest limit in metres, degrees or milliseconds: no two transforms are farther apart."""
+
+
+class FrameSlice(click.ParamType):  # type: ignore[type-arg]
+    """START:STOP:STEP as in Python."""
+
+    name = "START:STOP:STEP"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> slice:
+        """Parse the slice."""
+        if isinstance(value, slice):
+            return value
+        try:
+            parts = [int(part) if part else None for part in str(value).split(":")]
+        except ValueError:
+            parts = []
+        if len(parts) not in (2, 3) or (len(parts) == 3 and parts[2] is not None and parts[2] < 1):
+            needed = "START:STOP or START:STOP:STEP, with a step of at least 1"
+            self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
+        return slice(*parts)
+
 
 CUES = Names(PLUGINS.own_names, alone=("features", "auto"), plugins=PLUGINS)
 MANY_POINTS = "Refuse sweeps with more than N points, and cloud files with more than 64 N bytes."
@@ -118,6 +139,16 @@ class DriveSettings(QuietSettings):
 class RunSettings(DriveSettings, ThreadSettings):
     """Options of every command that computes something from a drive."""
 
+    def read_drive(self) -> Drive:
+        """Read the drive.
+
+        Raises:
+            InputError: the drive is wrong.
+        """
+        from semcal_cli.drive.document import read_drive
+
+        return read_drive(self.drive, self.max_points)
+
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateSettings(RunSettings):
@@ -125,7 +156,32 @@ class EstimateSettings(RunSettings):
 
     seed: int = setting_of(CalibrationConfig, "seed")
     max_frames: int = setting_of(CalibrationConfig, "max_frames")
+    frames: slice | None = option(
+        "Use these frames alone, counted from 0, such as 0:100:10.", type=FrameSlice()
+    )
+    exclude: tuple[str, ...] = option(
+        "Leave out a frame, by the name of its cloud without folder and suffix, as messages state it. Give the option "
+        "again for each frame.",
+        metavar="FRAME",
+        multiple=True,
+        default=(),
+    )
     cues: tuple[CueName, ...] = cue_list()
+
+    @property
+    def has_chosen_frames(self) -> bool:
+        """Whether some frames are chosen or left out."""
+        return self.frames is not None or bool(self.exclude)
+
+    def read_drive(self) -> Drive:
+        """Read the drive, with the chosen frames.
+
+        Raises:
+            InputError: the drive is wrong, there is no such frame, or none is left.
+        """
+        from semcal_cli.observations.frame_selection import chosen_frames
+
+        return chosen_frames(super().read_drive(), self.frames, self.exclude)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from semcal_cli.checks import precedence
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.tables import figures, labelled, shown_reasons, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal
-from semcal_cli.drive.document import Drive, drive_file, read_drive
+from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import output_format
 from semcal_cli.files.input_files import is_folder
@@ -319,7 +319,7 @@ def loaded_drive(
         InputError: the drive, one of its files or an output is wrong.
         CalibrationError: one side's labels carry no information.
     """
-    spec = read_drive(settings.drive, settings.max_points)
+    spec = settings.read_drive()
     outputs.check(spec, initial_pose)
     set_num_threads(settings.threads)
     with settings.terminal() as terminal:

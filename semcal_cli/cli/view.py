@@ -50,14 +50,13 @@ def view(settings: ViewSettings) -> None:
     The page is served only to this machine, at an address with a random word. The command ends with Ctrl-C (exit code
     130) or, with -o, with the button "Save and end" (0).
     """
-    from semcal_cli.drive.document import read_drive
     from semcal_cli.report.view.server import ViewServer
     from semcal_cli.result.applied import apply_result, cues_applied
     from semcal_cli.threads import set_num_threads
 
     calibration, output = settings.calibration, settings.output
     start = None if calibration is None else read_initial_pose(calibration)
-    drive = read_drive(settings.drive, settings.max_points)
+    drive = settings.read_drive()
     applied = apply_result(None if start is None else start.record, drive, str(calibration))
     if output is not None:
         _check_output(output, applied.drive, calibration)

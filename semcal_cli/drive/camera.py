@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import Field, ValidationError, ValidationInfo, field_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, ValidationInfo, field_validator
 
 from semcal_cli import core
 from semcal_cli.config import MAX_PIXELS, AdjustmentConfig
 from semcal_cli.config.synthetic import ReadoutDirection
 from semcal_cli.errors import InputError, counted, describe, mismatch
-from semcal_cli.files.validation import StrictModel, input_error, length
+from semcal_cli.files.validation import FileName, StrictModel, input_error, length
 
 CameraModel: TypeAlias = Literal[
     "plumb_bob",
@@ -32,6 +32,15 @@ Coefficient = Annotated[float, Field(ge=-1e12, le=1e12)]
 """Distortion coefficient. The limits are beyond the sixth power of any telephoto lens, and nothing overflows."""
 Readout = Annotated[float, Field(ge=0.0, le=1.0)]
 """Time in seconds from the first line of an image to the last. No readout takes longer than a frame."""
+
+Polygon: TypeAlias = Annotated[tuple[Annotated[tuple[Pixels, ...], length(2, 2)], ...], length(3)]
+"""Corners (u, v) of an area of the image, in pixels."""
+ImageMask: TypeAlias = Annotated[
+    Annotated[FileName, Tag("[file]")]
+    | Annotated[Annotated[tuple[Polygon, ...], length(1)], Tag("[polygons]")],
+    Discriminator(lambda value: "[polygons]" if isinstance(value, list | tuple) else "[file]"),
+]
+"""Name of a mask's file, or the areas that are left out."""
 
 DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX = 0.001, 1.0
 """Default relative standard deviation of the focal lengths, and default standard deviation of the principal point.
@@ -131,6 +140,10 @@ class Camera(StrictModel):
     `image_stamp` is the time of the first row. The shutter is compensated if the drive has a motion."""
     direction: ReadoutDirection = "down"
     """Direction in which a rolling shutter reads the rows; down starts with the top row."""
+    mask: ImageMask | None = None
+    """Pixels of all images that do not show the scene, such as the car's own bonnet; no cue uses them. Either a file,
+    relative to the drive, of an image that is black there and white elsewhere, or polygons around them, each a list of
+    corners [u, v]."""
 
     if not TYPE_CHECKING:  # Type checkers see the fields.
 

@@ -26,6 +26,7 @@ from semcal_cli.drive.lidar import Lidar
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import InputError, MisplacedError, describe, mismatch
 from semcal_cli.files.documents import read_document
+from semcal_cli.files.image_levels import ImageLevels
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import (
     FileName,
@@ -51,7 +52,7 @@ RIG_FOUND = (
 )
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
 """Version keys of files with a transform, found in place of a drive if arguments are in the wrong order."""
-FILES = ("points", "point_labels", "image_labels", "image", "point_features", "image_features")
+FILES = ("points", "point_labels", "image_labels", "image", "mask", "point_features", "image_features")
 """Keys of a frame's files."""
 
 Id = Annotated[int, Field(ge=0, le=0xFFFF)]
@@ -93,6 +94,8 @@ class Frame(StrictModel):
     """File of the ids or class probabilities of the pixels."""
     image: FileName | None = None
     """File of the camera's image."""
+    mask: FileName | None = None
+    """File of the pixels of this image that do not show the scene, black there, in addition to `camera.mask`."""
     points_stamp: Stamp | None = None
     """Time of the sweep, in seconds."""
     image_stamp: Stamp | None = None
@@ -222,6 +225,7 @@ class Drive(StrictModel):
     _max_points: int = PrivateAttr(default=MAX_POINTS)
     _arrays: HeldArrays | None = PrivateAttr(default=None)
     _sweep_gap_s: float | None = PrivateAttr(default=None)
+    _image_levels: ImageLevels = PrivateAttr(default=ImageLevels())
 
     def model_post_init(self, _context: object) -> None:
         """Measure how far sweeps are apart: a copy with fewer frames keeps that of all frames."""
@@ -310,12 +314,19 @@ class Drive(StrictModel):
         """The arrays in place of files; None for a drive from files."""
         return self._arrays
 
+    @property
+    def image_levels(self) -> tuple[int, int] | None:
+        """Values of 16-bit images that are shown as black and as white; None without such images."""
+        return self._image_levels.get()
+
     def files(self) -> Iterator[str]:
         """List the names of all files of the drive."""
         for frame in self.frames:
             yield from filter(None, (getattr(frame, key) for key in FILES))
         if self.motion and self.motion.poses:
             yield self.motion.poses
+        if isinstance(self.camera.mask, str):
+            yield self.camera.mask
 
     def resolve(self, relative: str) -> Path:
         """Locate a file of the drive. Absolute names stay as they are; neither `~` nor `$VAR` is expanded."""
@@ -374,6 +385,7 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
         raise MisplacedError(f"{file}: found a calibration, needed a drive")
     drive = validate(Drive, document, file)
     drive._path, drive._max_points = file, max_points
+    drive._image_levels = ImageLevels([drive.resolve(frame.image) for frame in drive.frames if frame.image])
     return drive
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import BinaryIO, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.input_files import check_size, open_file, size_of
 from semcal_cli.files.output_files import write_bytes
-from semcal_cli.geometry.arrays import Image
+from semcal_cli.geometry.arrays import Image, RawPixels
 
 BYTES_PER_PIXEL, MORE_BYTES = 8, 1 << 24
 """Maximum size of an image file: bytes per pixel, and bytes for anything else, such as a preview."""
@@ -22,6 +22,8 @@ MAX_HEADER_BYTES = 16 << 20
 PNG, JPEG, BMP = b"\x89PNG", b"\xff\xd8\xff", b"BM"
 """First bytes of the formats."""
 PNG_SIGNATURE_BYTES = 8
+PNG_DEPTH_AT = 24
+"""Place of the byte with the bits of a PNG's numbers (its first chunk, IHDR)."""
 COLORS = ("RGB", "RGBA")
 """Pillow's modes of PNG files whose pixels are colours; other modes have one number per pixel, or one and alpha."""
 
@@ -29,14 +31,35 @@ Size: TypeAlias = tuple[int, int]
 """Columns and rows."""
 
 
-def read_image(path: Path, size: Size | None = None) -> Image:
-    """Read a colour image with its pixels as stored; its EXIF orientation is ignored.
+class Levels(NamedTuple):
+    """The values of 16-bit images that are shown as black and as white."""
+
+    black: int
+    white: int
+
+    def apply(self, pixels: RawPixels) -> Image:
+        """Map 16-bit pixels to 8 bits: those up to `black` to 0, those from `white` to 255; 8-bit ones stay."""
+        if pixels.dtype == np.uint8:
+            return pixels.astype(np.uint8, copy=False)
+        above = np.arange(1 << 16) - self.black
+        # With all 16 bits, these are the upper 8.
+        table: Image = np.clip(256 * above // (self.white + 1 - self.black), 0, 255).astype(np.uint8)
+        return table[pixels]
+
+
+FULL = Levels(0, (1 << 16) - 1)
+"""Levels of images that use all 16 bits."""
+
+
+def read_image(path: Path, size: Size | None = None, levels: tuple[int, int] | None = None) -> Image:
+    """Read a colour image in 8 bits; its EXIF orientation is ignored.
 
     The size in its header is checked before the image is decoded.
 
     Args:
         path: A PNG, JPEG or BMP.
         size: Columns and rows that the image must have; None accepts any size up to `MAX_PIXELS` pixels.
+        levels: Values of a 16-bit image that are shown as black and as white; None for `FULL`.
 
     Returns:
         (H, W, 3) blue, green, red.
@@ -44,6 +67,11 @@ def read_image(path: Path, size: Size | None = None) -> Image:
     Raises:
         InputError: the file is missing, is not an image, or has another size.
     """
+    return Levels(*(levels or FULL)).apply(read_pixels(path, size))
+
+
+def read_pixels(path: Path, size: Size | None = None) -> RawPixels:
+    """Read an image as `read_image` does, (H, W, 3) blue, green, red, in 8 bits or 16 as it is stored."""
     import cv2
 
     with open_file(path) as file:
@@ -52,14 +80,27 @@ def read_image(path: Path, size: Size | None = None) -> Image:
         limit = BYTES_PER_PIXEL * width * height + MORE_BYTES
         check_size(path, size_of(file), limit, f" for {width} x {height} pixels")
         content = file.read(size_of(file))
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error:
         image = None
     if image is None or image.shape[1::-1] != header_size:
         raise _damage_error(path)
+    if image.dtype == np.uint16:
+        return image.astype(np.uint16, copy=False)
     return image.astype(np.uint8, copy=False)
+
+
+def has_16_bits(path: Path) -> bool:
+    """Return whether a file is a PNG of 16-bit numbers.
+
+    Raises:
+        InputError: the file is missing.
+    """
+    with open_file(path) as file:
+        start = file.read(PNG_DEPTH_AT + 1)
+    return start.startswith(PNG) and start[PNG_DEPTH_AT:] == b"\x10"
 
 
 def check_image(path: Path, size: Size) -> None:

@@ -181,7 +181,8 @@ def _complaint(error: ErrorDetails) -> str:
 
 
 def _key(error: ErrorDetails) -> str:
-    parts = [part for part in error["loc"] if part != "[key]"]  # pydantic marks an error in a key this way
+    # pydantic marks an error in a key, and one in a form of a value, this way.
+    parts = [part for part in error["loc"] if not str(part).startswith("[")]
     return "".join(key_part(part) for part in parts).removeprefix(".")
 
 

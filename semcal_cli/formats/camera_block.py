@@ -45,6 +45,19 @@ def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
     return camera_block(source, *ros_intrinsics(Node(source, document)))
 
 
+def resized(block: dict[str, Any], size: tuple[int, int]) -> dict[str, Any] | None:
+    """Convert a camera block to images that were resized to `size`, columns and rows; None for another aspect."""
+    width, height = block["width"], block["height"]
+    if abs(size[0] * height - size[1] * width) > max(width, height) / 2:  # a side is rounded to half a pixel
+        return None
+    scales = size[0] / width, size[1] / height
+    K = [list(row) for row in block["K"]]
+    for axis, scale in enumerate(scales):
+        K[axis][:2] = [value * scale for value in K[axis][:2]]
+        K[axis][2] = (K[axis][2] + 0.5) * scale - 0.5
+    return block | {"width": size[0], "height": size[1], "K": K}
+
+
 def _read(source: Source, camera: str | None, model: str | None) -> CameraBlock:
     for format in all_formats():
         if format.read_lens is not None and (block := format.read_lens(source, camera, model)) is not None:

@@ -9,7 +9,7 @@ import re
 from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
-from semcal_cli.errors import InputError, describe
+from semcal_cli.errors import InputError
 from semcal_cli.formats.format import CameraBlock, Format, FormatOptions, Source
 from semcal_cli.formats.lenses import (
     NAMES,
@@ -56,8 +56,8 @@ def first_document(text: str) -> str:
 def ros_intrinsics(document: Node) -> CameraBlock:
     """Read a sensor_msgs/CameraInfo, as camera_calibration_parsers write it or as `ros2 topic echo` prints it.
 
-    K and D are used; R and P belong to the rectified images. K is for the full image (CameraInfo.msg), so binned and
-    cropped images are refused.
+    K and D are used; R and P belong to the rectified images. K is for the full image (CameraInfo.msg), and is converted
+    to that of binned and cropped images.
 
     Raises:
         InputError: the lens is not known, or a value is missing or wrong.
@@ -72,20 +72,40 @@ def ros_intrinsics(document: Node) -> CameraBlock:
         return "thin_prism" if is_long and model == "rational_polynomial" else model
 
     camera = matrix_camera(document, model_of)
-    _refuse_parts(document, camera.block["width"], camera.block["height"])
-    return camera
+    return camera._replace(block=_of_part(document, camera.block))
 
 
-def _refuse_parts(document: Node, width: Any, height: Any) -> None:
-    """Refuse binned and cropped images. The default 0 means a binning of 1, or the full width or height."""
+def _of_part(document: Node, block: dict[str, Any]) -> dict[str, Any]:
+    """Convert K and the size of the full image to those of a region of interest, and then of its binning.
+
+    The region is in pixels of the full image; 0 is its full width or height, and a binning of 1 (CameraInfo.msg). A
+    binned pixel is the mean of its pixels, so that pixel 0 of a binning of 2 lies at 0.5; image_geometry leaves out
+    this quarter of a binned pixel.
+    """
     roi = document.child("roi", document.mapping.get("roi") or {})
-    allowed = {"binning_x": (0, 1), "binning_y": (0, 1)}
-    allowed_roi = {"x_offset": (0,), "y_offset": (0,), "width": (0, width), "height": (0, height)}
-    for node, values in ((document, allowed), (roi, allowed_roi)):
-        for key, needed in values.items():
-            if node.mapping.get(key, 0) not in needed:
-                entry = node.child(key, node.mapping[key])
-                raise entry.mismatch(f"{' or '.join(map(describe, needed))}: K is for the full image")
+
+    def whole(node: Node, key: str) -> int:
+        value = node.mapping.get(key, 0)
+        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+            raise node.child(key, value).mismatch("a whole number of at least 0")
+        return value
+
+    K, part = [list(row) for row in block["K"]], dict(block)
+    for axis, (side, start, step) in enumerate(
+        (("width", "x_offset", "binning_x"), ("height", "y_offset", "binning_y"))
+    ):
+        full, offset, binning = block[side], whole(roi, start), whole(document, step) or 1
+        length = whole(roi, side) or full
+        if offset + length > full:
+            found = f"{start} {offset} and {side} {length}"
+            raise InputError(f"{roi.where}: found {found}, needed a region within the {side} {full}")
+        if length < binning:
+            raise document.child(step, binning).mismatch(f"at most {length}, the {side}")
+        part[side] = length // binning
+        if offset or binning > 1:
+            K[axis][:2] = [value / binning for value in K[axis][:2]]
+            K[axis][2] = (K[axis][2] - offset + 0.5) / binning - 0.5
+    return part | {"K": K}
 
 
 def _is_camera_info(source: Source) -> bool:

@@ -1,9 +1,11 @@
-"""Pairs of files, by the times in their names if every name has one, else by the names themselves."""
+"""Pairs of files, by the times in their names if every name has one, else by the names, or by the numbers in them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,11 @@ SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")
 """Unix seconds from 2001 on, then their fraction or nanoseconds; 0000000005 is a frame number."""
 WHOLE_UNITS = re.compile(r"(?<!\d)([1-9](?:\d{18}|\d{15}|\d{12}|\d{9}))(?!\d)")
 """Unix time from 2001 on, in nanoseconds, microseconds, milliseconds or seconds, by its number of digits."""
+DATE = re.compile(
+    r"(?<!\d)(?P<date>20\d\d([-_.]?)[01]\d\2[0-3]\d)[-_.T ]?(?P<time>[0-2]\d([-_.:h]?)[0-5]\d[-_.:m]?[0-6]\d)"
+    r"[-_.,s]?(?P<fraction>\d{3}|\d{6}|\d{9})(?!\d)"
+)
+"""Date and time, with milliseconds, microseconds or nanoseconds; whole seconds are too coarse to pair by."""
 PADDED = (3, 6, 9)
 """Numbers of digits of milliseconds, microseconds and nanoseconds."""
 
@@ -59,9 +66,14 @@ def _are_nanoseconds(parts: Mapping[Path, tuple[str, str, str]], mark: str) -> b
 
 
 def _plain_stamp_s(name: str) -> float | None:
-    """Read a name that is a decimal number, or the last whole Unix time in a name; seconds."""
+    """Read a name that is a decimal number, a date with a time of day, or the last whole Unix time in it; seconds."""
     if PLAIN_SECONDS.fullmatch(name):
         return stamp if (stamp := float(name)) <= MAX_STAMP_S else None
+    if (date := DATE.search(name)) is not None:
+        day_time = re.sub(r"\D", "", date["date"] + date["time"])
+        with suppress(ValueError):  # no such day or hour
+            whole = datetime.strptime(day_time, "%Y%m%d%H%M%S").replace(tzinfo=timezone.utc)
+            return whole.timestamp() + float(f"0.{date['fraction']}")
     if digits := WHOLE_UNITS.findall(name):
         return int(digits[-1]) / 10.0 ** (len(digits[-1]) - 10)
     return None
@@ -75,7 +87,8 @@ def by_time(*sides: Sequence[Path]) -> bool:
 def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> dict[Path, Path]:
     """Find the file that belongs to each cloud; no file is used twice.
 
-    By time, two files belong together if each is the nearest to the other, within `max_gap_s`.
+    By time, two files belong together if each is the nearest to the other, within `max_gap_s`. Where no names are the
+    same, the numbers in them are compared: lidar_000012 and cam_12 belong together.
 
     Args:
         clouds: Files of point clouds.
@@ -86,10 +99,14 @@ def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> d
         InputError: two files of one kind have the same name, or a time in a name is ambiguous.
     """
     if not by_time(clouds, others):
-        other_by_name = _by_name(others)
-        return {
-            cloud: other_by_name[name] for name, cloud in _by_name(clouds).items() if name in other_by_name
-        }
+        for key in (_by_name, _by_number):
+            other_by_key = key(others)
+            paired = {
+                cloud: other_by_key[name] for name, cloud in key(clouds).items() if name in other_by_key
+            }
+            if paired:
+                break
+        return paired
     cloud_stamps, other_stamps = (
         np.array([stamps[path] for path in side])
         for side, stamps in ((clouds, stamps_s(clouds)), (others, stamps_s(others)))
@@ -110,6 +127,16 @@ def _nearest(stamps: np.ndarray, among: np.ndarray) -> list[int]:
     before = np.maximum(after - 1, 0)
     earlier = np.abs(among[order[before]] - stamps) <= np.abs(among[order[after]] - stamps)
     return [int(index) for index in order[np.where(earlier, before, after)]]
+
+
+def _by_number(files: Sequence[Path]) -> dict[str, Path]:
+    """Map the number in each name, the last or the first one that is different in all names; empty without one."""
+    numbers = [[str(int(digits)) for digits in re.findall(r"\d+", stem(path))] for path in files]
+    for place in (-1, 0) if all(numbers) else ():
+        file_by_number = {in_name[place]: path for in_name, path in zip(numbers, files, strict=True)}
+        if len(file_by_number) == len(files):
+            return file_by_number
+    return {}
 
 
 def _by_name(files: Sequence[Path]) -> dict[str, Path]:

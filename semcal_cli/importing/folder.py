@@ -181,6 +181,10 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     files = _find(option, pattern)
     partners = pairs(clouds, files, max_gap_s)
     rule = f"by time, within {max_gap_s} s" if by_time(clouds, files) else "by name"
+    first = next(iter(partners.items()), None)
+    is_by_number = rule == "by name" and first is not None and stem(first[0]) != stem(first[1])
+    if is_by_number and first is not None:
+        rule = f"by the numbers in their names, such as {first[0].name} with {first[1].name}"
     if not partners:
         raise InputError(
             f"{option}: found no partner, {rule}, for any of {counted(len(clouds), 'cloud')} "
@@ -189,7 +193,7 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     num_unpaired = len(clouds) - len(partners), len(files) - len(partners)
     unpaired = f"{counted(num_unpaired[0], 'cloud')}, {counted(num_unpaired[1], 'file')}"
     counts = f"{option}: {counted(len(partners), 'pair')} {rule}; unpaired: {unpaired}"
-    return Partners(partners, stamps_s(files), (counts,) if any(num_unpaired) else ())
+    return Partners(partners, stamps_s(files), (counts,) if any(num_unpaired) or is_by_number else ())
 
 
 def _reference(path: Path) -> Pose:

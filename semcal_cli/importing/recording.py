@@ -189,6 +189,55 @@ class Recording:
     """Its standard deviation, in seconds; None for the default of a drive."""
 
 
+def join_sequences(recordings: Mapping[str, Recording], *, are_labelled_by_name: bool) -> Recording:
+    """Make one recording of several sequences of a data set, with their frames in the given order.
+
+    Args:
+        recordings: The recordings by the names of their sequences, at least one.
+        are_labelled_by_name: Whether labels are looked up by the names of frames.
+
+    Raises:
+        InputError: the sequences differ in the camera or in another block of the drive, or frames have the same name
+            where files are named after them.
+    """
+    (first_name, first), *others = recordings.items()
+    frames, remarks = list(first.frames), list(first.remarks)
+    for name, recording in others:
+        for key in (
+            "camera",
+            "lidar",
+            "point_classes",
+            "image_classes",
+            "ids_in_red",
+            "motion",
+            "synchronization",
+        ):
+            if getattr(recording, key) != getattr(first, key):
+                raise InputError(
+                    f"--sequence: found another {key} in {name} than in {first_name}, needed the same"
+                )
+        T, first_T = (
+            (np.nan,) if one.T_camera_lidar is None else one.T_camera_lidar for one in (recording, first)
+        )
+        if not np.array_equal(T, first_T, equal_nan=True):
+            raise InputError(
+                f"--sequence: found another reference in {name} than in {first_name}, needed the same"
+            )
+        known = {frame.name for frame in frames}
+        again = next((frame.name for frame in recording.frames if frame.name in known), None)
+        if again is not None and (
+            are_labelled_by_name or any(isinstance(frame.points, Conversion) for frame in recording.frames)
+        ):
+            raise InputError(
+                f"--sequence: found frame {again} in {name}, too, needed frames of other names for their files: import "
+                "each sequence alone, and use `semcal merge`"
+            )
+        frames += recording.frames
+        remarks += [remark for remark in recording.remarks if remark not in remarks]
+    read = tuple(dict.fromkeys(path for recording in recordings.values() for path in recording.read))
+    return replace(first, frames=frames, remarks=tuple(remarks), read=read)
+
+
 def check_recording(recording: object, guard: Guard) -> Recording:
     """Check a recording whose types no type checker checked.
 

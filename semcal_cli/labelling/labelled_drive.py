@@ -226,4 +226,6 @@ def _document(
     document |= {"frames": frames} | {key: part for key, part in entries.items() if part}
     if "poses" in document.get("motion", {}):
         document["motion"]["poses"] = relative(document["motion"]["poses"])
+    if isinstance(mask := drive.camera.mask, str):
+        document["camera"]["mask"] = relative(mask)
     return document

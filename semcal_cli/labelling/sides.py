@@ -19,7 +19,6 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.networks import LabelNetwork
 from semcal_cli.errors import InputError, name_in_errors
 from semcal_cli.files.array_forms import SweepCloud
-from semcal_cli.files.image_files import read_image
 from semcal_cli.files.input_files import hash_file
 from semcal_cli.labelling.card import ImageCard
 from semcal_cli.labelling.cloud_labeller import CloudLabeller
@@ -27,7 +26,7 @@ from semcal_cli.labelling.hub import hub_name
 from semcal_cli.labelling.image_labeller import ImageLabeller
 from semcal_cli.labelling.model import Model
 from semcal_cli.labelling.sweep_labeller import KIND_IDS, SweepLabeller, segment_labels
-from semcal_cli.observations.reading import read_clouds
+from semcal_cli.observations.reading import read_clouds, read_needed_image
 
 NO_ID = int(core.NO_ID)
 """Id of pixels and points without a label."""
@@ -67,8 +66,18 @@ class LabelSide:
     """Network that makes the labels; None without one."""
 
 
-def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> LabelSide:
+def image_side(
+    labeller: ImageLabeller,
+    levels: tuple[int, int] | None = None,
+    *,
+    has_probabilities: bool = False,
+) -> LabelSide:
     """Make the side of image labels, as ids or as class probabilities, from a network.
+
+    Args:
+        labeller: The network.
+        levels: `Drive.image_levels`, on which labels depend.
+        has_probabilities: Whether labels are class probabilities.
 
     Raises:
         InputError: the model cannot be read.
@@ -90,15 +99,18 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> L
             for key in OPTIONAL_KEYS
             if getattr(card, key) != ImageCard.model_fields[key].default
         },
-        "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
+        "rectified": labeller.camera.model_dump(mode="json", exclude={"mask"})
+        if labeller.is_rectified
+        else None,
         "probabilities": has_probabilities,
+        **({} if levels is None else {"levels": levels}),
     }
     class_ids = {value for ids in model.classes.values() for value in ids}
     ignored = dict.fromkeys((*model.ignore, NO_BYTE, NO_ID))
 
     def label(drive: Drive, frame: Frame) -> bytes:
         path = drive.file_of(frame, "image", "an image")
-        image = read_image(path, drive.camera.size)
+        image = read_needed_image(drive, frame)
         with name_in_errors(path):
             if has_probabilities:
                 return _probability_archive(labeller.shares(image))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.document import Drive
+from semcal_cli.errors import InputError, counted, one_of
+from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import read_thumbnails
 
@@ -28,6 +30,34 @@ def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
 def with_frames(drive: Drive, indices: Iterable[int]) -> Drive:
     """Copy a drive with some of its frames, by their indices."""
     return drive.model_copy(update={"frames": tuple(drive.frames[index] for index in indices)})
+
+
+def chosen_frames(drive: Drive, part: slice | None, excluded: Collection[str]) -> Drive:
+    """Copy a drive with a part of its frames, without some that are excluded by name.
+
+    Args:
+        drive: The drive.
+        part: Indices of the frames; None for all.
+        excluded: Names of frames: their point clouds, also without folder and suffix where that is unique.
+
+    Raises:
+        InputError: there is no frame of an excluded name, or no frame is left.
+    """
+    clouds = [frame.points for frame in drive.frames]
+    index_by_name = {
+        name: index for names in (clouds, frame_names(clouds)) for index, name in enumerate(names)
+    }
+    for name in excluded:
+        if name not in index_by_name:
+            names = one_of(name, frame_names(clouds))
+            raise InputError(f"{drive.path}: --exclude: found no frame {name!r}, needed {names}")
+    left_out = {index_by_name[name] for name in excluded}
+    kept = [index for index in range(len(clouds))[part or slice(None)] if index not in left_out]
+    if not kept:
+        raise InputError(
+            f"{drive.path}: found no frame that is left of {counted(len(clouds), 'frame')}, needed one"
+        )
+    return with_frames(drive, kept)
 
 
 def with_few_frames(drive: Drive, count: int) -> Drive:

@@ -17,6 +17,7 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.array_forms import MAX_ID, Labels, SweepCloud, cloud_of, image_of, labels_of
 from semcal_cli.files.image_files import read_image
 from semcal_cli.files.point_clouds import SweepCache
+from semcal_cli.observations.masks import scene_masks
 from semcal_cli.observations.motion import Compensated, compensated, have_times, motion_error_px
 from semcal_cli.observations.observations import (
     NO_CLASS,
@@ -125,7 +126,7 @@ def make_observations(
     images: Sequence[LabelledImage],
     names: tuple[Sequence[str], Sequence[str]],
 ) -> Observations:
-    """Combine the sweeps and images of a drive.
+    """Combine the sweeps and images of a drive; masked pixels have no class.
 
     Args:
         drive: The drive.
@@ -134,7 +135,14 @@ def make_observations(
         labelled: The points of each frame with their classes.
         images: The image of each frame with its classes.
         names: Names of the point classes, and of the image classes.
+
+    Raises:
+        InputError: a mask is missing or wrong.
     """
+    images = [
+        image if mask is None else image.with_classes(np.where(mask, image.classes, np.uint8(NO_CLASS)))
+        for image, mask in zip(images, scene_masks(drive, drive.frames), strict=True)
+    ]
     frames = tuple(
         FrameObservation(
             cloud, image, twist_per_s=sweep.twist_per_s, lag_s=sweep.lag_s, is_rigid=sweep.is_rigid
@@ -253,7 +261,7 @@ def read_needed_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
     name = drive.name_of(frame, "image", "an image")
     if drive.arrays is not None:
         return image_of(drive.arrays.by_name[name])
-    return read_image(drive.resolve(name), drive.camera.size)
+    return read_image(drive.resolve(name), drive.camera.size, drive.image_levels)
 
 
 def remove_speckle(observations: Observations) -> Observations:

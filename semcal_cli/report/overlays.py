@@ -19,9 +19,10 @@ from semcal_cli.files.image_files import write_image
 from semcal_cli.files.output_files import make_folder
 from semcal_cli.geometry.arrays import Colors, Image, Pose
 from semcal_cli.observations.cues.edges import EDGES, gradients
-from semcal_cli.observations.cues.intensity import grey_values, lens_mask
+from semcal_cli.observations.cues.intensity import grey_values
 from semcal_cli.observations.cues.segments import SegmentationConfig
 from semcal_cli.observations.frame_naming import frame_names
+from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.report.colors import (
@@ -99,7 +100,8 @@ def edge_image(drive: Drive, frame: Frame) -> Image:
         InputError: the frame has no image, or it is wrong.
     """
     grey = grey_values(drive, frame)
-    strength, is_inside = gradients(drive.camera, grey, lens_mask(drive.camera), BLUR_PX, EDGES)
+    (mask,) = seen_pixels(drive, [frame])
+    strength, is_inside = gradients(drive.camera, grey, mask, BLUR_PX, EDGES)
     full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
     grey_with_edges = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
     return np.asarray(np.repeat(grey_with_edges.astype(np.uint8)[..., None], 3, axis=2))

@@ -144,7 +144,7 @@ def _frame_image(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.
         return rr.Clear(recursive=False)  # otherwise the previous one would stay
     file = drive.resolve(frame.image)
     media_type = MEDIA_TYPES.get(file.suffix.lower())
-    if media_type is not None:
+    if media_type is not None and drive.image_levels is None:
         read_size(file)
         return rr.EncodedImage(contents=read_bytes(file, limit=MAX_TABLE_BYTES), media_type=media_type)
     pixels = read_frame_image(drive, frame)

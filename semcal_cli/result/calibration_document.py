@@ -249,11 +249,11 @@ class CalibrationDocument(StrictModel):
 
 
 def with_estimates(drive: Drive, camera: Camera | None, time_offset_s: float | None) -> Drive:
-    """Return a drive with another camera, but its own shutter, and another time offset, where they are not None."""
+    """Return a drive with another camera, but its own shutter and mask, and another time offset, unless one is None."""
     changes: dict[str, object] = {}
     if camera is not None:
-        shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
-        changes["camera"] = camera.model_copy(update=shutter)
+        own = {name: getattr(drive.camera, name) for name in ("readout_s", "direction", "mask")}
+        changes["camera"] = camera.model_copy(update=own)
     if time_offset_s is not None:
         changes["time_offset_s"] = time_offset_s
     return drive.model_copy(update=changes)

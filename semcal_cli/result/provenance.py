@@ -83,6 +83,8 @@ def hash_input(drive: Drive, keys: Sequence[str], cache: dict[str, str] | None =
     names = [getattr(frame, key) for frame in drive.frames for key in keys]
     if drive.motion is not None:
         names.append(drive.motion.poses)
+    if arrays is None and isinstance(drive.camera.mask, str):
+        names.append(drive.camera.mask)
     hashes = dict[str, str]()
     if arrays is None:
         hashes[drive.path.name] = _sha256(drive.path, cache)
@@ -144,10 +146,10 @@ def _sha256(path: Path, cache: dict[str, str]) -> str:
 def camera_hash(camera: Camera) -> str:
     """Hash the image size, intrinsics and lens of a camera, without trailing zeros, to 16 digits.
 
-    How well the intrinsics are known does not matter.
+    How well the intrinsics are known, and which pixels are masked, does not matter.
     """
     camera = camera.model_copy(update={"intrinsics_sigma": None})
-    document = without_last_zeros(camera).model_dump_json()
+    document = without_last_zeros(camera).model_dump_json(exclude={"mask"})
     return hashlib.sha256(document.encode()).hexdigest()[:16]
 
 

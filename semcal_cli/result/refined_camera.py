@@ -227,7 +227,7 @@ def offset_words(time_offset_s: float) -> str:
 
 
 def camera_differences(camera: Camera, other: Camera, whose: str) -> list[str]:
-    """List the differences between two cameras, except for how well they are known.
+    """List the differences between two cameras, except for how well they are known and their masks.
 
     Args:
         camera: The camera.
@@ -236,6 +236,6 @@ def camera_differences(camera: Camera, other: Camera, whose: str) -> list[str]:
     """
     values = {name: (intrinsic_value(camera, name), intrinsic_value(other, name)) for name in K_ENTRIES}
     differences = [f"{name} {a:.6g} ({whose}: {b:.6g})" for name, (a, b) in values.items() if a != b]
-    names = [name for name in Camera.model_fields if name not in ("K", "intrinsics_sigma")]
+    names = [name for name in Camera.model_fields if name not in ("K", "intrinsics_sigma", "mask")]
     a, b = map(without_last_zeros, (camera, other))
     return differences + [f"another {name}" for name in names if getattr(a, name) != getattr(b, name)]

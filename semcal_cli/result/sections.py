@@ -40,6 +40,8 @@ class InputFrame(StrictModel):
     """File of the ids or class probabilities of the pixels."""
     image: FileName | None = None
     """File of the camera's image, if it was used."""
+    mask: FileName | None = None
+    """File of the pixels of the image that do not show the scene."""
     point_features: FileName | None = None
     """File of the features of the points, if they were used."""
     image_features: FileName | None = None

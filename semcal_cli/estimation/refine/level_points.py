@@ -18,7 +18,7 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.statistics_network import SeparableNetwork, StatisticsNetwork
 from semcal_cli.estimation.refine.torch_geometry import TorchProjection
 from semcal_cli.geometry.arrays import Features, Pose
-from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.observations import NO_CLASS, Observations
 
 
 class _Shares(torch.autograd.Function):
@@ -120,7 +120,7 @@ class FeaturePoints:
         anchor: Pose,
         visible_only: bool,
     ) -> None:
-        """Choose the points that land in the image at a pose, and average the images' vectors over blocks.
+        """Choose the points that land on pixels with a class at a pose, and average the images' vectors over blocks.
 
         Args:
             observations: Points and images of all frames, with vectors on both sides.
@@ -140,11 +140,15 @@ class FeaturePoints:
         self.rows, self.columns, channels = maps[0].shape
         self.y = torch.from_numpy(np.concatenate([pixels.reshape(-1, channels) for pixels in maps]))
         points, x, frames = [], [], []
-        for frame, (cloud, (point_vectors, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
+        of_frames = zip(observations.clouds, observations.images, vectors, strict=True)
+        for frame, (cloud, image, (point_vectors, _)) in enumerate(of_frames):
             projected = core.project_points(
                 core_camera(observations.camera), cloud.points, anchor, observations.origin_m
             )
             is_visible = np.isfinite(projected.ranges) & ~(projected.is_hidden & visible_only)
+            last = np.subtract(image.classes.shape[::-1], 1)
+            u, v = np.rint(projected.pixels[is_visible]).astype(int).clip(0, last).T
+            is_visible[is_visible] = image.classes[v, u] != NO_CLASS
             points.append(cloud.points[is_visible])
             x.append(point_vectors[is_visible])
             frames.append(np.full(is_visible.sum(), frame))

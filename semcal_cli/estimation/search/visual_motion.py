@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.geometry.arrays import Matrix, Rays, Vector
+from semcal_cli.geometry.arrays import Mask, Matrix, Rays, Vector
 from semcal_cli.geometry.twists import rotation_matrix
+from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.reading import read_needed_image
 from semcal_cli.threads import thread_pool
 
@@ -68,12 +69,17 @@ def camera_motions(drive: Drive, pairs: Sequence[tuple[Frame, Frame]]) -> list[C
     """Estimate the motion between the images of each pair of frames; None if too few features match.
 
     Raises:
-        InputError: an image is missing or wrong.
+        InputError: an image or a mask is missing or wrong.
     """
     camera = drive.camera
     frames = {frame.image: frame for pair in pairs for frame in pair}
     with thread_pool() as pool:
-        by_frame = pool.map(lambda frame: _features(camera, read_needed_image(drive, frame)), frames.values())
+        masks = seen_pixels(drive, list(frames.values()))
+        by_frame = pool.map(
+            lambda frame, mask: _features(camera, read_needed_image(drive, frame), mask),
+            frames.values(),
+            masks,
+        )
         features = dict(zip(frames, by_frame, strict=True))
 
         def between(pair: tuple[Frame, Frame]) -> CameraMotion | None:
@@ -126,13 +132,15 @@ def across(direction: Vector) -> Matrix:
     return np.stack([first, np.cross(direction, first)])
 
 
-def _features(camera: Camera, image: npt.NDArray[np.uint8]) -> _Features:
+def _features(camera: Camera, image: npt.NDArray[np.uint8], mask: Mask) -> _Features:
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    is_seen = mask.astype(np.uint8)
     if camera.width > MAX_WIDTH:
         size = MAX_WIDTH, round(camera.height * MAX_WIDTH / camera.width)
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+        is_seen = cv2.resize(is_seen, size, interpolation=cv2.INTER_NEAREST).astype(np.uint8)
     scale = np.array([camera.width, camera.height]) / grey.shape[::-1]
-    keypoints, descriptors = cv2.SIFT_create(MAX_FEATURES, 3, MIN_CONTRAST).detectAndCompute(grey, None)  # type: ignore[attr-defined]
+    keypoints, descriptors = cv2.SIFT_create(MAX_FEATURES, 3, MIN_CONTRAST).detectAndCompute(grey, is_seen)  # type: ignore[attr-defined]
     if not keypoints:
         return _Features(np.empty((0, 3)), np.empty((0, 128), np.float32))
     pixels = (np.array([keypoint.pt for keypoint in keypoints]) + 0.5) * scale - 0.5

@@ -19,7 +19,7 @@ from semcal_cli.errors import InputError, os_reason
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.input_files import is_folder, is_same_file
 from semcal_cli.files.output_files import make_folder, no_empty_folder, remove_if_refused
-from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.formats.camera_block import read_intrinsics, resized
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.camera_messages import CameraInfo, camera_block, difference, read_camera_info
 from semcal_cli.importing.bags.candidates import (
@@ -30,6 +30,7 @@ from semcal_cli.importing.bags.candidates import (
     spool_pairs,
     wanted_times,
 )
+from semcal_cli.importing.bags.image_messages import image_file, looks_like_mosaic
 from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.importing.bags.recorded_frames import WrittenFrame, image_folder, write_frames, write_motion
@@ -116,14 +117,13 @@ class _Import:
 
     def run(self) -> ImportedDrive:
         self._check_output()
-        camera = self._camera()
+        camera, request = self._camera(), self.request
         tree, moving = read_frames(self.bag)
         lidar, optical = (self._first_frame(topic) for topic in (self.topics.points, self.topics.image))
         self.frame_ids = {self.topics.points: lidar, self.topics.image: optical}
         rectification = self.info if self.topics.is_rectified else None
-        T_camera_lidar, remarks = reference(tree, lidar, optical, rectification)
+        T_camera_lidar, remarks = reference(tree, lidar, optical, rectification, request.frame)
         self.remarks += remarks
-        request = self.request
         self.trajectory, reason = find_motion(
             self.bag, tree, moving, lidar, request.motion, request.motion_frame
         )
@@ -146,6 +146,7 @@ class _Import:
                     spool,
                     camera,
                     self.topics,
+                    request.bayer,
                     self.path.parent,
                     self.on_event,
                     refusals,
@@ -157,6 +158,12 @@ class _Import:
         if not written_frames:
             raise self._no_pair(next(iter(refusals)))
         self.left_out += refusals
+        first_image = written_frames[0].source.image
+        if first_image is not None and looks_like_mosaic(first_image):
+            self.remarks.append(
+                f"{self.topics.image.name} looks like the mosaic of a Bayer camera, and its messages do not state the "
+                "pattern: --bayer rggb, bggr, gbrg or grbg makes colours of it"
+            )
         self.remarks += list(
             dict.fromkeys(frame.times.remark for frame in written_frames if frame.times.remark)
         )
@@ -213,6 +220,24 @@ class _Import:
         return InputError("; ".join([problem, *self.bag.damage_remarks()[:MAX_REMARKS]]))
 
     def _camera(self) -> dict[str, Any]:
+        """Read the camera, converted to the size of the first image if the user says that images were resized."""
+        block, image = self._stated_camera(), self.topics.image
+        if not self.request.is_resized:
+            return block
+        if self.video is not None or (first := self.bag.first(image)) is None:
+            raise InputError(f"--resized: found no still images in {image.name}, needed some")
+        try:
+            size = image_file(first).size
+        except MessageError as error:
+            raise InputError(f"{image.name}: {error}") from None
+        if (converted := resized(block, size)) is None:
+            sizes = [f"{width} x {height}" for width, height in (size, (block["width"], block["height"]))]
+            raise InputError(
+                f"--resized: found images of {sizes[0]} pixels, needed the aspect of {sizes[1]}, as K has"
+            )
+        return converted
+
+    def _stated_camera(self) -> dict[str, Any]:
         """Read the camera from the user's file, or from the first message of its topic."""
         if self.request.intrinsics is not None:
             return read_intrinsics(self.request.intrinsics)
@@ -236,7 +261,14 @@ class _Import:
             self.remarks.append(
                 f"{image.name} holds rectified images: P of {topic.name} is used, not K and D"
             )
-        return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
+        block = camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
+        full, part = ("{width} x {height}".format(**size) for size in (self.info, block))
+        if full != part:
+            self.remarks.append(
+                f"K of {topic.name}, for {full} pixels, is converted to the {part} of its binning and region of "
+                "interest"
+            )
+        return block
 
     def _first_frame(self, topic: Topic) -> str:
         """Read the frame of the first message that has one, among the first few."""

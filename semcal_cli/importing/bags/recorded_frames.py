@@ -15,8 +15,9 @@ from urllib.parse import quote
 
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.events import Listener, Progress
+from semcal_cli.formats.camera_block import resized
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
-from semcal_cli.importing.bags.image_messages import image_file
+from semcal_cli.importing.bags.image_messages import Bayer, image_file
 from semcal_cli.importing.bags.messages import NS, MessageError
 from semcal_cli.importing.bags.point_messages import PointTimes, read_sweep
 from semcal_cli.importing.bags.recorded_motion import Trajectory
@@ -52,6 +53,7 @@ def write_frames(
     spool: Spool,
     camera: dict[str, Any],
     topics: Topics,
+    bayer: Bayer | None,
     folder: Path,
     on_event: Listener,
     left_out: Counter[str],
@@ -65,6 +67,7 @@ def write_frames(
         spool: Their messages.
         camera: The `camera:` block of the drive.
         topics: The topics that they come from.
+        bayer: Pattern of images that are mosaics; None for those that the messages name.
         folder: Folder of the drive.
         on_event: Called with each event.
         left_out: Counts the pairs that cannot be used, by reason.
@@ -77,7 +80,7 @@ def write_frames(
 
     def written_frame(candidate: SpooledPair) -> WrittenFrame | MessageError:
         try:
-            return _write_frame(candidate, spool, camera, topics, folder, write, spin)
+            return _write_frame(candidate, spool, camera, topics, bayer, folder, write, spin)
         except MessageError as error:
             return error
 
@@ -134,6 +137,7 @@ def _write_frame(
     spool: Spool,
     camera: dict[str, Any],
     topics: Topics,
+    bayer: Bayer | None,
     folder: Path,
     write: Callable[[bytes, Path], None],
     spin: Spin | None,
@@ -141,12 +145,15 @@ def _write_frame(
     pair = candidate.pair
     sweep_message, image_message = spool.get(candidate)
     sweep = read_sweep(sweep_message, pair.sweep_ns, spin)
-    file = image_file(image_message)
+    file = image_file(image_message, bayer)
     needed = camera["width"], camera["height"]
     if file.size != needed:
         image_size, camera_size = ("{} x {}".format(*size) for size in (file.size, needed))
+        advice = (
+            "" if resized(camera, file.size) is None else "; if the images were resized, --resized converts K"
+        )
         raise MessageError(
-            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state"
+            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state{advice}"
         )
     points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
     image = image_folder(folder, topics) / f"{seconds_text(pair.image_ns)}{file.suffix}"

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from semcal_cli.config.directions import CameraFrame
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import InputError, check_installed, listed
 from semcal_cli.importing.bags.bag import Bag
+from semcal_cli.importing.bags.image_messages import Bayer
 from semcal_cli.importing.bags.messages import (
     CAMERA_INFO,
     CLOUDS,
@@ -59,6 +61,12 @@ class BagRequest:
     """Frame whose poses that topic holds; None for the one that its messages name."""
     odometry: bool = False
     """Whether the motion is estimated from the sweeps if no topic states it."""
+    frame: CameraFrame | None = None
+    """Axes of the images' frame in the transforms; None for optical ones, with a remark if they seem to be others."""
+    is_resized: bool = False
+    """Whether images were resized after the camera was calibrated, so that K is converted to their size."""
+    bayer: Bayer | None = None
+    """Pattern of images that are mosaics; None for those that the messages name."""
     spin: Spin | None = None
     """How the LiDAR turns, which gives the times of points that have none."""
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
+from semcal_cli.config.directions import CameraFrame
 from semcal_cli.errors import InputError, listed
+from semcal_cli.formats.frame_names import OPTICAL_WORDS, T_BODY_OPTICAL, has_word
 from semcal_cli.formats.node import MAX_WORLD_M, rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, pose_from_quaternion
@@ -19,6 +22,8 @@ Edge = tuple[str, str]
 """Parent and child."""
 CONTRADICTION = 1e-4
 """Difference between two chains that rounding does not explain, metres or entries of a rotation."""
+MIN_UPRIGHT = math.cos(math.radians(45.0))
+"""Smallest cosine of the angle between two z axes that are both called vertical: half-way to a horizontal one."""
 SAME = 1e-9
 """Largest difference between two transforms that are the same."""
 
@@ -67,15 +72,20 @@ class FrameTree:
 
 
 def reference(
-    tree: FrameTree, lidar: str, optical: str, rectification: Mapping[str, Any] | None
+    tree: FrameTree,
+    lidar: str,
+    camera: str,
+    rectification: Mapping[str, Any] | None,
+    axes: CameraFrame | None = None,
 ) -> tuple[Pose | None, list[str]]:
     """Find T_camera_lidar (4, 4), metres, in the fixed transforms.
 
     Args:
         tree: The fixed transforms.
         lidar: Frame of the sweeps.
-        optical: Frame of the images.
+        camera: Frame of the images.
         rectification: R (9) and P (12), by rows, of the camera whose images are rectified; None if they are raw.
+        axes: Axes of the camera's frame; None for optical ones, with a remark if they seem to be others.
 
     Returns:
         The transform, if there is one, and sentences about it.
@@ -87,24 +97,40 @@ def reference(
     if tree.changed:
         edges = listed(f"{parent} to {child}" for parent, child in sorted(tree.changed))
         remarks.append(f"{TF_STATIC} states several transforms of {edges}: the last one is used")
-    T = tree.transforms_from(optical).get(lidar)
-    if lidar == optical:
+    T = tree.transforms_from(camera).get(lidar)
+    if lidar == camera:
         why_not = f": sweeps and images both have the frame {lidar!r}"
     elif T is not None and tree.contradictory:
         why_not = f": fixed transforms contradict one another at {listed(sorted(tree.contradictory))}"
     elif T is None or not lidar:
-        why_not = f" from {lidar!r} to {optical!r}: {tree.describe_gap(lidar, optical)}"
+        why_not = f" from {lidar!r} to {camera!r}: {tree.describe_gap(lidar, camera)}"
     elif rectification is not None and (rectification["P"][3] or rectification["P"][7]):
         why_not = ": P belongs to the second camera of a stereo pair, whose frame is not stated"
     else:
+        if axes == "body":
+            T = inverse(T_BODY_OPTICAL) @ T
+        elif axes is None:
+            remarks += _doubts(camera, T)
         if rectification is not None and any(rectification["R"]):
             T[:3] = np.reshape(rectification["R"], (3, 3)) @ T[:3]
-            T = rigid(f"{optical}: R of the camera in this frame", T)
+            T = rigid(f"{camera}: R of the camera in this frame", T)
         return T, [
             *remarks,
-            f"the reference T_camera_lidar comes from the recording, from {lidar!r} to {optical!r}",
+            f"the reference T_camera_lidar comes from the recording, from {lidar!r} to {camera!r}",
         ]
     return None, [*remarks, f"no reference{why_not}"]
+
+
+def _doubts(camera: str, T_camera_lidar: Pose) -> list[str]:
+    """Describe why a camera's frame may be a body frame: it is not called optical, and its z axis is the LiDAR's."""
+    upwards = float(T_camera_lidar[2, 2])
+    if has_word(camera, OPTICAL_WORDS) or abs(upwards) < MIN_UPRIGHT:
+        return []
+    return [
+        f"{camera!r} is probably a body frame (x forward, y left, z up): as an optical one (x right, y down, z "
+        f"forward), the camera looks {'up' if upwards > 0.0 else 'down'} along the LiDAR's z axis. --frame body "
+        "converts the reference, and --frame optical keeps it"
+    ]
 
 
 def read_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:

@@ -120,9 +120,11 @@ def choose_frames(drive: Drive, cues: Sequence[CueName], max_frames: int) -> Dri
 
 
 def files_of(cues: Sequence[CueName]) -> list[str]:
-    """List the keys of a frame's files that are read for cues. Point labels are read with their cloud."""
+    """List the keys of a frame's files that are read for cues, and those that are read for every cue."""
     return [
-        *dict.fromkeys(["points", "point_labels", *(name for cue in cues for name in find_cue(cue).files)])
+        *dict.fromkeys(
+            ["points", "point_labels", "mask", *(name for cue in cues for name in find_cue(cue).files)]
+        )
     ]
 
 

@@ -26,7 +26,8 @@ from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import ClassIds, Mask, Points, Values
 from semcal_cli.observations.cues.cue import Cue
-from semcal_cli.observations.cues.intensity import grey_values, lens_mask, surroundings
+from semcal_cli.observations.cues.intensity import grey_values, surroundings
+from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.observations.reading import make_observations, read_clouds
@@ -91,18 +92,17 @@ def observe_edges(
         raise CalibrationError(
             f"{drive.path}: found no rays within 1.1 degrees of each other along the scans"
         )
-    mask = lens_mask(drive.camera)
     blur_px = max(
         config.blur_rays * edges.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
     )
 
-    def levels_of(frame: Frame) -> ClassIds:
+    def levels_of(frame: Frame, mask: Mask) -> ClassIds:
         grey = grey_values(drive, frame)
         with name_in_errors(drive.resolve(str(frame.image))):
             return _levels(drive.camera, grey, mask, blur_px, config)
 
     with thread_pool() as pool:
-        images = list(pool.map(levels_of, drive.frames))
+        images = list(pool.map(levels_of, drive.frames, seen_pixels(drive, drive.frames)))
     if not any(len(np.unique(image[image != NO_CLASS])) > 1 for image in images):
         raise CalibrationError(
             f"{drive.path}: image is nearly the same everywhere: it says nothing about the pose"
@@ -204,19 +204,19 @@ def gradients(
     Args:
         camera: The camera, whose lens converts angles to pixels.
         grey: (H, W) grey values, 0 to 255.
-        mask: (H, W) pixels that the lens reaches.
+        mask: (H, W) pixels that show the scene and are within the reach of the lens.
         blur_px: Standard deviation of the blur before and after the gradient is taken; smaller from top to bottom
             where it is more than the config allows.
         config: Settings of the cue.
 
     Returns:
-        Strength of the gradient (H, W), and whether (H, W) the lens reaches all pixels that it comes from.
+        Strength of the gradient (H, W), and whether (H, W) all pixels that it comes from are in the mask.
     """
     across_px = math.radians(config.most_blur_across_deg) * core_camera(camera).pixels_per_radian
     across_px = max(min(blur_px, across_px), config.least_blur_px)
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px, sigmaY=across_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
-    # The border of the image is not a border of the lens.
+    # The border of the image is not a border of the mask.
     padded = np.pad(mask.astype(np.uint8), 1, mode="edge")
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
     strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside

@@ -22,9 +22,10 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.geometry.arrays import Numbers
+from semcal_cli.geometry.arrays import Mask, Numbers
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.segments import STARTS
+from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.observations.reading import make_observations, read_clouds, read_needed_image
@@ -34,8 +35,6 @@ CELL_DEG = 0.5
 """Size of the cells of directions in which the surroundings of points are summed."""
 BLOCKS_A_SIGMA = 8.0
 """Blocks per standard deviation of the blur with which the surroundings of pixels are summed."""
-MASK_STEP = 4
-"""Step, in pixels, at which the reach of the lens is tested."""
 MIN_SPREAD = 0.02
 """Smallest spread of the surroundings, relative to the spread of all values. Smaller spreads are noise."""
 SAMPLES = 200_000
@@ -73,9 +72,9 @@ def observe_intensity(
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
-    mask = lens_mask(drive.camera)
+    masks = seen_pixels(drive, drive.frames)
 
-    def pixels_of(frame: Frame) -> Numbers:
+    def pixels_of(frame: Frame, mask: Mask) -> Numbers:
         grey = grey_values(drive, frame)
         return grey if is_raw else _contrast_of_pixels(drive.camera, grey, mask, config)
 
@@ -84,14 +83,14 @@ def observe_intensity(
         return intensities if is_raw else _contrast_of_points(points, intensities, config)
 
     with thread_pool() as pool:
-        of_pixels = list(pool.map(pixels_of, drive.frames))
+        of_pixels = list(pool.map(pixels_of, drive.frames, masks))
         of_points = list(pool.map(points_of, drive.frames, clouds, [sweep.points for sweep in moved]))
     point_limits = _limits(drive, "intensity", np.concatenate(of_points), config)
     # Each image has its own exposure, unless it is raw; the sensor's intensity has a single scale.
-    pixels = [image[mask] for image in of_pixels]
+    pixels = [image[mask] for image, mask in zip(of_pixels, masks, strict=True)]
     compared = [np.concatenate(pixels)] * len(of_pixels) if is_raw else pixels
     images = []
-    for image, values in zip(of_pixels, compared, strict=True):
+    for image, mask, values in zip(of_pixels, masks, compared, strict=True):
         levels = np.digitize(image, _limits(drive, "grey", values, config))
         classes = np.where(mask, levels, NO_CLASS).astype(np.uint8)
         # Certain, but as shares: levels have no borders whose pixels are in doubt.
@@ -118,15 +117,6 @@ def _standardized(values: Sequence[Numbers]) -> list[npt.NDArray[np.float16]]:
     pooled = np.concatenate([of_frame.ravel() for of_frame in values])
     mean, spread = pooled.mean(), pooled.std()
     return [((of_frame - mean) / spread)[..., None].astype(np.float16) for of_frame in values]
-
-
-def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:
-    """Find the pixels that the lens reaches, (H, W), from every `MASK_STEP`-th row and column."""
-    v, u = np.mgrid[: camera.height : MASK_STEP, : camera.width : MASK_STEP]
-    rays = core_camera(camera).unproject(np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
-    reached = np.isfinite(rays).all(axis=1).reshape(u.shape)
-    whole = reached.repeat(MASK_STEP, axis=0).repeat(MASK_STEP, axis=1)
-    return np.asarray(whole[: camera.height, : camera.width])
 
 
 def _intensity(drive: Drive, frame: Frame, cloud: SweepCloud) -> Numbers:

@@ -1,0 +1,136 @@
+"""Several drives of one rig as one: sequences that were recorded with the same camera, one after another."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from semcal_cli.drive.document import FILES, Drive, Motion, output_drive_file
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import document_text
+from semcal_cli.files.input_files import MAX_TABLE_BYTES, is_same_file, read_text
+from semcal_cli.files.output_files import make_folder, write_text
+from semcal_cli.files.validation import validate
+from semcal_cli.observations.motion import read_poses
+from semcal_cli.result.refined_camera import camera_differences
+
+SHARED = ("lidar", "ignore", "classes", "palette", "time_offset_s", "time_offset_sigma_s")
+"""Keys whose values must be the same in all drives."""
+OPTIONAL = ("networks", "synchronization", "T_camera_lidar")
+"""Keys that are left out where their values are not the same."""
+SAME_POSE = 1e-9
+"""Largest difference of two references that are the same."""
+
+
+class MergedDrive(NamedTuple):
+    """Summary of a merge."""
+
+    path: Path
+    """The drive.yaml."""
+    num_frames: int
+    """Number of its frames."""
+    left_out: tuple[str, ...]
+    """Keys that are left out, since they are not the same in all drives."""
+
+
+def merge_drives(drives: Sequence[Drive], out: Path) -> MergedDrive:
+    """Write one drive with the frames of several drives of one rig, in their order. It names the files where they are.
+
+    Poses of drives at different times become one file beside the new drive.
+
+    Args:
+        drives: The drives, at least one.
+        out: Folder of the new drive, or its drive.yaml.
+
+    Raises:
+        InputError: the drives differ in the camera or in another key that counts for all frames, their poses overlap in
+            time, or a file cannot be read or written.
+    """
+    path, first = output_drive_file(out), drives[0]
+    for drive in drives:
+        if is_same_file(path, drive.path):
+            raise InputError(f"{path}: found one of the drives to merge, needed another -o")
+        _check_same(first, drive)
+    left_out = tuple(key for key in OPTIONAL if not _have_same(drives, key))
+    # What nobody stated, such as the clock, is not stated by a copy.
+    document = first.model_dump(mode="json", exclude_unset=True, exclude_none=True, exclude=set(left_out))
+    document["frames"] = [frame for drive in drives for frame in _frames(drive, path)]
+    if isinstance(first.camera.mask, str):
+        document["camera"]["mask"] = _relative(first, first.camera.mask, path)
+    poses = _joined_poses(drives)
+    make_folder(path.parent)
+    if poses is not None:
+        poses_path = path.parent / "poses" / f"{path.stem}.txt"
+        make_folder(poses_path.parent)
+        write_text(poses, poses_path)
+        document["motion"]["poses"] = poses_path.relative_to(path.parent).as_posix()
+    validate(Drive, document, path)
+    write_text(document_text(document, "yaml"), path)
+    return MergedDrive(path, len(document["frames"]), left_out)
+
+
+def _check_same(first: Drive, drive: Drive) -> None:
+    """Check that what a drive states of all its frames is the same as in the first drive."""
+    if differences := camera_differences(drive.camera, first.camera, str(first.path)):
+        raise InputError(f"{drive.path}: camera: found {', '.join(differences)}, needed the same camera")
+    values = {key: (getattr(first, key), getattr(drive, key)) for key in SHARED}
+    values["camera.mask"] = _located_mask(first), _located_mask(drive)
+    values["motion"] = _motion_of_any_poses(first), _motion_of_any_poses(drive)
+    for key, (value, other) in values.items():
+        if value != other:
+            raise InputError(
+                f"{drive.path}: {key}: found another value than in {first.path}, needed the same"
+            )
+
+
+def _located_mask(drive: Drive) -> object:
+    mask = drive.camera.mask
+    return os.path.realpath(drive.resolve(mask)) if isinstance(mask, str) else mask
+
+
+def _motion_of_any_poses(drive: Drive) -> Motion | None:
+    """Return the motion with the same name for any file of poses."""
+    motion = drive.motion
+    return motion and motion.model_copy(update={"poses": motion.poses and "poses"})
+
+
+def _have_same(drives: Sequence[Drive], key: str) -> bool:
+    first, *others = (getattr(drive, key) for drive in drives)
+    if isinstance(first, tuple) and all(isinstance(other, tuple) for other in others):
+        return all(np.allclose(first, other, rtol=0.0, atol=SAME_POSE) for other in others)
+    return all(first == other for other in others)
+
+
+def _frames(drive: Drive, path: Path) -> list[dict[str, Any]]:
+    """Describe the frames of a drive for a drive.yaml at `path`."""
+    frames: list[dict[str, Any]] = drive.model_dump(mode="json", exclude_none=True)["frames"]
+    return [
+        frame | {key: _relative(drive, frame[key], path) for key in FILES if key in frame} for frame in frames
+    ]
+
+
+def _relative(drive: Drive, name: str, path: Path) -> str:
+    return os.path.relpath(drive.resolve(name), path.parent)
+
+
+def _joined_poses(drives: Sequence[Drive]) -> str | None:
+    """Join the files of the poses in order of time; None without poses. No frame lies between two files."""
+    files = {drive.resolve(motion.poses) for drive in drives if (motion := drive.motion) and motion.poses}
+    spans = []
+    for file in files:
+        stamps, _ = read_poses(file)
+        spans.append((min(stamps), max(stamps), file))
+    spans.sort()
+    for (_, end_s, before), (start_s, _, file) in pairwise(spans):
+        if start_s <= end_s:
+            raise InputError(
+                f"{file}: found poses from {start_s:.3f} s on, before the last of {before} at {end_s:.3f} s, needed "
+                "drives of different times"
+            )
+    texts = [read_text(file, limit=MAX_TABLE_BYTES).rstrip("\n") for *_, file in spans]
+    return "\n".join([*texts, ""]) if texts else None

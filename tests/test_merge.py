@@ -1,0 +1,88 @@
+"""`semcal merge`: drives of one rig become one drive."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from commands import invoke
+
+from semcal_cli.drive.document import read_drive
+
+CAMERA = {"model": "plumb_bob", "width": 64, "height": 32, "K": [[50.0, 0, 31.5], [0, 50.0, 15.5], [0, 0, 1]]}
+
+
+def write_drive(folder: Path, first_s: float, **changes: object) -> Path:
+    """Write a drive of two frames, with poses around them."""
+    folder.mkdir()
+    stamps = [first_s, first_s + 1.0]
+    frames = [{"points": f"{i}.bin", "points_stamp": t, "image_stamp": t} for i, t in enumerate(stamps)]
+    document = {
+        "semcal_drive": 1,
+        "camera": CAMERA,
+        "frames": frames,
+        "motion": {"poses": "lidar.txt", "point_times": "deskewed"},
+        "synchronization": "stamps",
+        **changes,
+    }
+    (folder / "drive.yaml").write_text(yaml.safe_dump(document))
+    for index in range(2):
+        np.ones((5, 4), np.float32).tofile(folder / f"{index}.bin")
+    lines = [f"{first_s + step} {step} 0 0 0 0 0 1" for step in (-0.5, 0.5, 1.5)]
+    (folder / "lidar.txt").write_text("# poses\n" + "\n".join(lines))
+    return folder
+
+
+def test_frames_and_poses_are_joined(tmp_path: Path) -> None:
+    late, early = write_drive(tmp_path / "late", 100.0), write_drive(tmp_path / "early", 10.0)
+    result = invoke("merge", late, early, "-o", tmp_path / "both")
+    assert result.exit_code == 0, result.output
+    assert result.stderr == f"wrote {tmp_path / 'both' / 'drive.yaml'}: 4 frames of 2 drives\n"
+    drive = read_drive(tmp_path / "both")
+    names = ["../late/0.bin", "../late/1.bin", "../early/0.bin", "../early/1.bin"]
+    assert [frame.points for frame in drive.frames] == names
+    assert drive.motion is not None
+    assert drive.motion.poses == "poses/drive.txt"
+    poses = np.loadtxt(tmp_path / "both" / "poses" / "drive.txt")
+    np.testing.assert_allclose(poses[:, 0], [9.5, 10.5, 11.5, 99.5, 100.5, 101.5])
+    assert (drive.synchronization, drive.motion.point_times) == ("stamps", "deskewed")
+    assert "time_offset_sigma_s" not in drive.model_fields_set
+
+
+def test_what_differs_is_said(tmp_path: Path) -> None:
+    T = np.eye(4).tolist()
+    first = write_drive(tmp_path / "first", 10.0, T_camera_lidar=T)
+    second = write_drive(tmp_path / "second", 20.0, synchronization="hardware")
+    result = invoke("merge", first, second, "-o", tmp_path / "both")
+    for key in ("synchronization", "T_camera_lidar"):
+        assert f"note: {key} is not the same in all drives, and is left out" in result.stderr
+    drive = read_drive(tmp_path / "both")
+    assert (drive.synchronization, drive.T_camera_lidar) == ("unknown", None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "first_s", "message"),
+    [
+        ({"camera": CAMERA | {"width": 65}}, 20.0, "camera: found another width, needed the same camera"),
+        ({"camera": CAMERA | {"mask": "m.png"}}, 20.0, "camera.mask: found another value than in {first}"),
+        ({"classes": {"points": {"road": [1]}}}, 20.0, "classes: found another value than in {first}"),
+        (
+            {"motion": {"speed_m_s": 1.0}},
+            20.0,
+            "motion: found another value than in {first}, needed the same",
+        ),
+        ({}, 10.5, "found poses from 10.000 s on, before the last of"),
+    ],
+)
+def test_drives_that_do_not_fit(tmp_path: Path, changes: dict, first_s: float, message: str) -> None:
+    first = write_drive(tmp_path / "first", 10.0)
+    second = write_drive(tmp_path / "second", first_s, **changes)
+    result = invoke("merge", first, second, "-o", tmp_path / "both")
+    assert message.format(first=first / "drive.yaml") in str(result.exception)
+    assert not (tmp_path / "both" / "drive.yaml").exists()
+
+
+def test_a_drive_is_not_replaced_by_the_merged_one(tmp_path: Path) -> None:
+    first = write_drive(tmp_path / "first", 10.0)
+    result = invoke("merge", first, "-o", first)
+    assert "found one of the drives to merge, needed another -o" in str(result.exception)
