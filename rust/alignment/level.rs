@@ -9,15 +9,17 @@ use rayon::prelude::*;
 use super::adjusted::adjusted;
 use super::projection::Projection;
 use super::sample::{Mixed, Sample, Weights};
-use super::selection::num_in_image;
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
 use crate::pyramid::{Sampled, ShareMap};
-use crate::thinning::stride;
+use crate::thinning::{stride, thinned};
+use crate::visibility::project_points;
 
 /// Weight, in points, of pairs not seen in a batch, which keeps their pointwise mutual information finite.
 const MIN_WEIGHT: f64 = 0.1;
+/// Number of points of a sweep that are projected to estimate how many are in the image.
+const NUM_PROJECTED: usize = 4096;
 /// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
 const CHUNK: usize = 8192;
 
@@ -154,6 +156,16 @@ impl Level {
         };
         PairValues { observations: &self.observations, table }
     }
+}
+
+/// Number of points with a class inside the images of all frames at a pose, estimated from some of them.
+fn num_in_image(observations: &Observations, pose: &Isometry3<f64>) -> usize {
+    let of_frame = |frame: &Frame| {
+        let stride = stride(frame.points.len(), NUM_PROJECTED);
+        let chosen = thinned(frame.points.len(), stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
+        stride * project_points(&observations.camera, &frame.points, chosen, pose).len()
+    };
+    observations.frames.iter().map(of_frame).sum()
 }
 
 /// Contribution of each pair of a joint histogram: its pointwise mutual information, or its part of the adjusted

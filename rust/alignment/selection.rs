@@ -13,7 +13,7 @@ use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
 use crate::point_cloud::to_f64;
 use crate::pyramid::ShareMap;
-use crate::thinning::{stride, thinned};
+use crate::thinning::thinned;
 use crate::visibility::{Projected, project_points};
 
 /// Width of the band around the image in which points are kept, relative to the longer side.
@@ -52,19 +52,6 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
     };
     let frames = observations.frames.par_iter().map(of_frame).collect();
     Arc::new(observations.with_frames(frames))
-}
-
-/// Number of points of a sweep that are projected to estimate how many are in the image.
-const NUM_PROJECTED: usize = 4096;
-
-/// Number of points with a class inside the images of all frames at a pose, estimated from some of them.
-pub(super) fn num_in_image(observations: &Observations, pose: &Isometry3<f64>) -> usize {
-    let of_frame = |frame: &Frame| {
-        let stride = stride(frame.points.len(), NUM_PROJECTED);
-        let chosen = thinned(frame.points.len(), stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
-        stride * project_points(&observations.camera, &frame.points, chosen, pose).len()
-    };
-    observations.frames.iter().map(of_frame).sum()
 }
 
 /// The chosen points, split into those near other classes and the pairs of the rest, which are locally constant.

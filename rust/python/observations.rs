@@ -76,6 +76,7 @@ pub(super) struct PyObservations(pub(super) Arc<Observations>);
 #[pymethods]
 impl PyObservations {
     #[new]
+    #[expect(clippy::too_many_arguments, reason = "Python names them")]
     #[pyo3(signature = (camera, frames, num_point_classes, num_image_classes, max_baseline_m, edge_band_px, origin_m, by_classes=false))]
     fn new(
         camera: &PyCamera,

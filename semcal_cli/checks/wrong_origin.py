@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from semcal_cli.drive.document import Drive
+from semcal_cli.estimation.search.ray_origin import find_ray_origin
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Points, Vector
-from semcal_cli.observations.ray_origin import find_ray_origin
 
 WRONG_ORIGIN = Check(
     topic="wrong-origin",

@@ -15,9 +15,9 @@ from real_data import real_drives
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import SemcalError
+from semcal_cli.estimation.search.ray_origin import find_ray_origin
 from semcal_cli.geometry.arrays import Points
 from semcal_cli.observations.frame_selection import with_frames
-from semcal_cli.observations.ray_origin import find_ray_origin
 from semcal_cli.observations.reading import read_clouds
 
 NUM_SWEEPS = 2
