@@ -47,10 +47,17 @@ def test_the_mounting_is_found(street_observations: Observations, street_truth: 
     assert ranks == sorted(ranks, reverse=True)
 
 
-def test_a_turned_lidar_turns_the_answer(street_observations: Observations, street_truth: Pose) -> None:
+@pytest.mark.parametrize(
+    "by_deg",
+    [(0.0, 0.0, 130.0), (180.0, 0.0, 0.0), (0.0, 90.0, 0.0), (-70.0, 0.0, 40.0)],
+    ids=["about its axis", "upside down", "on its side", "tilted"],
+)
+def test_a_turned_lidar_turns_the_answer(
+    by_deg: tuple[float, ...], street_observations: Observations, street_truth: Pose
+) -> None:
     S = np.eye(4)
-    S[:3, :3] = Rotation.from_rotvec([0.0, 0.0, 130.0], degrees=True).as_matrix()
-    turned = street_observations.with_clouds(
+    S[:3, :3] = Rotation.from_rotvec(by_deg, degrees=True).as_matrix()
+    turned = dataclasses.replace(street_observations, lidar=None).with_clouds(
         cloud.with_points((cloud.points @ S[:3, :3].T).astype(np.float32))
         for cloud in street_observations.clouds
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,19 @@ from semcal_cli import core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError, InputError, format_against_limit
 from semcal_cli.estimation.search.pnp import solve_pnp
-from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.poses import camera_center
+from semcal_cli.geometry.arrays import Matrix, Pose, Vector
+from semcal_cli.geometry.poses import camera_center, inverse
+from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.observations.observations import Observations
 from semcal_cli.threads import thread_pool
 
 MAX_SHARE_OUTSIDE = 0.2
 """Maximum fraction of the points outside the field of view of the `lidar:` block."""
+MAX_TILT_DEG = 30.0
+"""Tilt of the LiDAR against the ground from which it is also searched as if it stood upright. Rolls are searched up to
+15 degrees, and ascents reach as far again."""
+MIN_SINE = 1e-6
+"""Below this sine of a tilt, a LiDAR is upside down, and any level axis turns it."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,8 @@ def register(
 ) -> list[Candidate]:
     """Register label images with spherical images and solve PnP for each of the best placements (Alg. 2).
 
+    Rolls are searched around an upright LiDAR. Where the ground shows that it is not, it is also taken as upright.
+
     Args:
         observations: Labelled points and label images.
         config: Settings of the search.
@@ -46,18 +55,64 @@ def register(
             spherical images are centred at the camera, otherwise where the rays start.
 
     Returns:
-        Candidates, sorted by the mutual information of their placement, best first.
+        Candidates of each placement, sorted by its mutual information, best first.
 
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points are not in the field of view of the drive's `lidar:` block.
     """
     center = np.array(observations.origin_m) if around is None else camera_center(around[0])
-    grid = _grid(observations)
-    if center.any():  # directions are measured from there
-        observations = observations.with_clouds(
-            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
-        )
+    candidates = _registered(
+        observations, _grid(observations), config, seed, around, _centred(np.eye(3), center)
+    )
+    upright = _upright_rotation(observations)
+    if upright is None:
+        return candidates
+    T_upright_lidar = _centred(upright, center)
+    turned = _moved(observations, _centred(upright, np.array(observations.origin_m)))
+    grid = core.estimate_grid([cloud.points for cloud in turned.clouds])
+    return [*candidates, *_registered(observations, grid, config, seed, around, T_upright_lidar)]
+
+
+def _upright_rotation(observations: Observations) -> Matrix | None:
+    """Compute the rotation (3, 3) that turns away from the ground up; None if it is up, or no ground is seen."""
+    up = core.estimate_up([cloud.points for cloud in observations.clouds])
+    if up is None or math.acos(np.clip(up.direction[2], -1.0, 1.0)) <= math.radians(MAX_TILT_DEG):
+        return None
+    axis = np.cross(up.direction, [0.0, 0.0, 1.0])
+    sine = float(np.linalg.norm(axis))
+    axis = axis / sine if sine > MIN_SINE else np.array([1.0, 0.0, 0.0])
+    return rotation_matrix(axis * math.acos(np.clip(up.direction[2], -1.0, 1.0)))
+
+
+def _centred(rotation: Matrix, center: Vector) -> Pose:
+    """Make the transform (4, 4) that moves a centre (3,), metres, to the origin, and turns by a rotation (3, 3)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation, -rotation @ center
+    return T
+
+
+def _moved(observations: Observations, T: Pose) -> Observations:
+    """Move all points by a transform (4, 4)."""
+    return observations.with_clouds(
+        cloud.with_points((cloud.points @ T[:3, :3].T + T[:3, 3]).astype(np.float32))
+        for cloud in observations.clouds
+    )
+
+
+def _registered(
+    observations: Observations,
+    grid: core.Grid,
+    config: InitializationConfig,
+    seed: int,
+    around: tuple[Pose, float] | None,
+    T_search_lidar: Pose,
+) -> list[Candidate]:
+    """Register in a frame whose origin is where directions are measured from, as `register` describes."""
+    if not np.array_equal(T_search_lidar, np.eye(4)):
+        observations = _moved(observations, T_search_lidar)
+    if around is not None:
+        around = around[0] @ inverse(T_search_lidar), around[1]
     images = core.SphericalImages(observations.core, grid)
     placements = core.register(observations.core, images, config, around)
     samples = core.sample_correspondences(
@@ -66,13 +121,12 @@ def register(
 
     def solve(placement: core.Hypothesis, pairs: core.Correspondences) -> Candidate | CalibrationError:
         try:
-            T_camera_lidar, num_inliers = solve_pnp(
+            T_camera_search, num_inliers = solve_pnp(
                 pairs.points, pairs.pixels, observations.camera, config.pnp
             )
         except CalibrationError as error:
             return error
-        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
-        return Candidate(T_camera_lidar, placement.num_pairs, num_inliers)
+        return Candidate(T_camera_search @ T_search_lidar, placement.num_pairs, num_inliers)
 
     # OpenCV solves each problem on one core.
     with thread_pool() as pool:
