@@ -773,7 +773,7 @@ def information_along(
     """
 
 def project_points(
-    camera: Camera, points: _Float32, t_camera_lidar: _Float64, origin_m: Sequence[float] = (0.0, 0.0, 0.0)
+    camera: Camera, points: _Float32, t_camera_lidar: _Float64, origin_m: Sequence[float] = ...
 ) -> Projected:
     """Project points (N, 3), metres, LiDAR frame, and flag those that nearer ones occlude. Rays start at `origin_m`."""
 
