@@ -242,7 +242,7 @@ class AnchoredPoints:
         max_points: int = ...,
         constant_radius: int = 0,
     ) -> AnchoredPoints:
-        """Choose at most `max_points` points.
+        """Choose about `max_points` of the points in the images.
 
         Points at least `constant_radius` blocks inside one class are summed up once and never drawn. Zero turns this
         off.

@@ -30,6 +30,7 @@ from semcal_cli.estimation.adjust.frame_offsets import FAR_PYRAMID, fit_part
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.labelling.sides import segment_side
 from semcal_cli.observations.frame_selection import with_frames
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.observations import Observations
@@ -254,8 +255,16 @@ def test_the_origin_is_found_from_the_points_and_stated(vehicle: Path) -> None:
     (line,) = re.findall(r"`lidar: {origin_m: \[(.*?)\]}`", said)
     origin_m = [float(number) for number in line.split(", ")]
     np.testing.assert_allclose(origin_m, ROOF_M, atol=0.3)
-    stated = read_drive(stating(vehicle, origin_m))
-    assert not any("origin_m" in text for text in inspect(stated).suspicions)
+    assert not inspect(read_drive(stating(vehicle, origin_m))).suspicions
+
+
+def test_segments_are_labelled_as_seen_from_where_rays_start(fine_street: Path, vehicle: Path) -> None:
+    near, far = (read_drive(drive) for drive in (fine_street, stating(vehicle, ROOF_M.tolist())))
+    before, after = (
+        np.frombuffer(segment_side().label(drive, drive.frames[0]), "<u4") for drive in (near, far)
+    )
+    # Segments are numbered above their kinds.
+    assert np.mean(before & 0xFFFF != after & 0xFFFF) < 0.01
 
 
 def test_edges_are_those_seen_from_where_rays_start(fine_street: Path, vehicle: Path) -> None:

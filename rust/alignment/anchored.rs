@@ -23,7 +23,7 @@ pub struct Anchored {
 }
 
 impl Anchored {
-    /// Chooses at most `max_points` points, or none if numbers overflow.
+    /// Chooses about `max_points` of the points in the images, or none if numbers overflow.
     ///
     /// Points at least `constant_radius` blocks inside one class are summed up once. Zero turns this off.
     pub fn new(

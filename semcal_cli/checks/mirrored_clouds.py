@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from semcal_cli.config import InitializationConfig
@@ -35,6 +37,9 @@ def check_mirroring(observations: Observations) -> tuple[Finding, ...]:
     mirrored = observations.with_clouds(
         cloud.with_points(cloud.points * flip) for cloud in observations.clouds
     )
+    if (lidar := observations.lidar) is not None:
+        x_m, y_m, z_m = lidar.origin_m
+        mirrored = replace(mirrored, lidar=lidar.model_copy(update={"origin_m": (x_m, -y_m, z_m)}))
     try:
         best, other = (
             search_mountings(clouds, InitializationConfig(), seed=0).hypotheses[0]

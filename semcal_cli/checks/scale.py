@@ -126,6 +126,7 @@ def check_scale(observations: Observations) -> list[str]:
     """
     few = evenly_spaced(range(observations.num_frames), NUM_FRAMES)
     clouds = [observations.clouds[index] for index in few]
+    clouds = [cloud.with_points(observations.rays(cloud.points)) for cloud in clouds]
     plain = [
         name.strip().lower().replace(" ", "_").replace("-", "_") for name in observations.point_class_names
     ]

@@ -64,6 +64,8 @@ def inspect(settings: InspectSettings) -> None:
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
     if settings.find_mask is not None:
+        if rig is not None:
+            raise click.UsageError("--find-mask: found a rig, needed the drive of one camera.")
         _write_mask(read_drive(path, max_points), settings.find_mask)
         return
     drives = {"": read_drive(path, max_points)} if rig is None else rig.read_drives(max_points)
@@ -81,9 +83,15 @@ def inspect(settings: InspectSettings) -> None:
 
 def _write_mask(drive: Drive, path: Path) -> None:
     """Propose a mask of the car's own parts, and write it if there is one."""
+    from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.files.image_files import write_image
     from semcal_cli.observations.proposed_mask import propose_mask
 
+    if path.suffix.lower() != ".png":
+        raise click.BadParameter(f"found suffix {path.suffix!r}, needed .png", param_hint="'--find-mask'")
+    own = drive.camera.mask
+    before = drive.resolve(own) if isinstance(own, str) else None
+    check_outputs([file for file in files_read(drive) if file != before], path)
     is_scene = propose_mask(drive)
     share = 1.0 - is_scene.mean()
     if not share:

@@ -243,7 +243,7 @@ class AscentConfig:
     evidence: float
     """Nats of log-likelihood per nat of mutual information."""
     max_coarse_points: int = 40_000
-    """Maximum number of points used on blocks of more than two pixels, over all frames and directions."""
+    """Number of points in the images that is enough on blocks of more than two pixels, over all frames."""
     max_rounds: int = 8
     """Maximum number of times that the visible points are chosen at each level."""
     max_steps: int = 6

@@ -88,8 +88,8 @@ class ArrayCloud:
     """(N,) raw class ids."""
     label_shares: core.ClassShares | None
     """Probabilities of raw class ids instead."""
-    ring: None = None
-    """The ring of each point, which arrays do not state."""
+    ring: RawIds | Values | None = None
+    """(N,) ring of each point, which arrays do not state."""
 
     @property
     def num_no_returns(self) -> int:
@@ -99,6 +99,11 @@ class ArrayCloud:
 
 SweepCloud: TypeAlias = core.PointCloud | ArrayCloud
 """A sweep read from a file, or made from arrays."""
+
+
+def seen_from(cloud: SweepCloud, points: Points) -> SweepCloud:
+    """Copy a sweep with other points (N, 3), metres, and without labels."""
+    return ArrayCloud(points, cloud.is_return, cloud.intensity, cloud.time, None, None, cloud.ring)
 
 
 def cloud_of(

@@ -18,7 +18,7 @@ from semcal_cli import core
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.networks import LabelNetwork
 from semcal_cli.errors import InputError, name_in_errors
-from semcal_cli.files.array_forms import SweepCloud
+from semcal_cli.files.array_forms import SweepCloud, seen_from
 from semcal_cli.files.input_files import hash_file
 from semcal_cli.labelling.card import ImageCard
 from semcal_cli.labelling.cloud_labeller import CloudLabeller
@@ -183,7 +183,7 @@ def _point_side(
         classes: Ids of each name.
         ignore: Ids that carry no information.
         settings: Everything that the labels depend on besides the sweep.
-        label_points: Computes labels (N,) in SemanticKITTI's layout for the points of a sweep.
+        label_points: Computes labels (N,) in SemanticKITTI's layout for a sweep, as seen from where its rays start.
         no_return: Label of entries of a file that are not points.
     """
 
@@ -192,7 +192,8 @@ def _point_side(
         (cloud,) = read_clouds(single_frame)
         labels = np.full(len(cloud.is_return), no_return, "<u4")
         with name_in_errors(drive.resolve(frame.points)):
-            labels[cloud.is_return] = label_points(cloud)
+            rays = drive.rays(points := cloud.points)
+            labels[cloud.is_return] = label_points(cloud if rays is points else seen_from(cloud, rays))
         return labels.tobytes()
 
     def is_whole(_: Drive, path: Path) -> bool:

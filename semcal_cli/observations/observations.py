@@ -21,7 +21,7 @@ from semcal_cli import core
 from semcal_cli.config import EDGE_BAND_PX, MAX_BASELINE_M, StartsConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.lidar import Lidar
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.scenes import alike_frames, ranges_of
 
@@ -148,6 +148,10 @@ class Observations:
         """Where the rays of the LiDAR start (3,), metres, LiDAR frame."""
         return (0.0, 0.0, 0.0) if self.lidar is None else self.lidar.origin_m
 
+    def rays(self, points: Points) -> Points:
+        """Compute the vectors (N, 3) from where rays start to points (N, 3), metres, LiDAR frame."""
+        return points if self.lidar is None else self.lidar.rays(points)
+
     @property
     def num_frames(self) -> int:
         """Number of frames of the drive: pairs of sweep and image."""
@@ -253,7 +257,7 @@ class Observations:
         """For each frame, the index of the first frame that shows the same scene."""
         if self.known_scenes is not None:
             return [self.known_scenes.index(scene) for scene in self.known_scenes]
-        return alike_frames(ranges_of([cloud.points for cloud in self.of_cue(0).clouds]))
+        return alike_frames(ranges_of([self.rays(cloud.points) for cloud in self.of_cue(0).clouds]))
 
     @property
     def scene_numbers(self) -> list[int]:

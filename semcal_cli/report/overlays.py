@@ -226,8 +226,8 @@ class Overlays:
 
     @cached_property
     def _segmented(self) -> list[core.SegmentedSweep]:
-        clouds = [cloud.points for cloud in self.observations.clouds]
-        return core.segment_sweeps(clouds, SegmentationConfig())
+        rays = [self.observations.rays(cloud.points) for cloud in self.observations.clouds]
+        return core.segment_sweeps(rays, SegmentationConfig())
 
     @cached_property
     def is_associated(self) -> npt.NDArray[np.bool_]:

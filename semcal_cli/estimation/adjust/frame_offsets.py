@@ -33,8 +33,8 @@ FAR_BLOCKS = 0.5
 frames of a clean drive, one Newton step put the pose of all frames 0.2 of these blocks off in the median, and at most
 0.4 in nine of ten frames. From starts 0.1 degrees off it was 1.6 in the median, and from starts 0.5 to 3 degrees off,
 from where these blocks hardly sense the borders, at least 4 in nine of ten."""
-MAX_POINTS = 20_000
-"""Number of points of a frame, in all directions, that decide whether its own pose is near."""
+MAX_POINTS = 4_000
+"""Number of points in the image of a frame that decide whether its own pose is near."""
 
 
 @dataclass(frozen=True)

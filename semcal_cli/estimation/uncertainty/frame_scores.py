@@ -19,8 +19,8 @@ from semcal_cli.estimation.uncertainty.sensitivity import squares_of, summed
 from semcal_cli.geometry.arrays import Matrices, Pose, Vectors
 from semcal_cli.observations.observations import Observations
 
-MAX_POINTS = 300_000
-"""Largest number of points that are used, over all frames."""
+MAX_POINTS = 60_000
+"""Number of points in the images that is enough, over all frames."""
 MIN_SQUARES = 24
 """Smallest number of squares beyond one in each frame: fewer cannot estimate a covariance of six axes."""
 MIN_RANK = 1e-9

@@ -19,7 +19,7 @@ from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")
 VARIABLES = ("fx", "fy", "cx", "cy", "radial")
 """The same for the core; k1 is that of a small radial distortion on top of the lens."""
-AROUND_INTRINSICS = SensitivityConfig(factor=4, max_points=150_000)
+AROUND_INTRINSICS = SensitivityConfig(factor=4, max_points=30_000)
 """Settings of the sensitivity to the intrinsics, in blocks of pixels because errors of intrinsics exceed one pixel, and
 to be used without an edge band. On two development drives, poses polished with K off by 4 pixels or 0.5 % moved by what
 the blocks predict within 2 to 14 % of the displacement of the points, as in full resolution; the small effect of fy

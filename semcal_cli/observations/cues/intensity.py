@@ -80,7 +80,7 @@ def observe_intensity(
 
     def points_of(frame: Frame, cloud: SweepCloud, points: npt.NDArray[np.float32]) -> Numbers:
         intensities = _intensity(drive, frame, cloud)
-        return intensities if is_raw else _contrast_of_points(points, intensities, config)
+        return intensities if is_raw else _contrast_of_points(drive.rays(points), intensities, config)
 
     with thread_pool() as pool:
         of_pixels = list(pool.map(pixels_of, drive.frames, masks))
