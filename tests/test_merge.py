@@ -71,6 +71,12 @@ def test_what_differs_is_said(tmp_path: Path) -> None:
             20.0,
             "motion: found another value than in {first}, needed the same",
         ),
+        ({"time_unit": "ms"}, 20.0, "time_unit: found another value than in {first}, needed the same"),
+        (
+            {"point_columns": ["x", "y", "z", "time"]},
+            20.0,
+            "point_columns: found another value than in {first}, needed the same",
+        ),
         ({}, 10.5, "found poses from 10.000 s on, before the last of"),
     ],
 )
@@ -82,7 +88,37 @@ def test_drives_that_do_not_fit(tmp_path: Path, changes: dict, first_s: float, m
     assert not (tmp_path / "both" / "drive.yaml").exists()
 
 
+def test_the_poses_of_another_drive_do_not_cover_a_frame(tmp_path: Path) -> None:
+    """Between the drives, the joined poses lead from one world to the other."""
+    first, second = write_drive(tmp_path / "first", 10.0), write_drive(tmp_path / "second", 20.0)
+    document = yaml.safe_load((first / "drive.yaml").read_text())
+    document["frames"][1] |= {"points_stamp": 12.0, "image_stamp": 12.0}
+    (first / "drive.yaml").write_text(yaml.safe_dump(document))
+    result = invoke("merge", first, second, "-o", tmp_path / "both")
+    assert str(result.exception).startswith(f"{first / 'lidar.txt'}: ")
+    assert str(result.exception).endswith("needed poses before and after 1.bin")
+    assert not (tmp_path / "both").exists()
+
+
 def test_a_drive_is_not_replaced_by_the_merged_one(tmp_path: Path) -> None:
     first = write_drive(tmp_path / "first", 10.0)
     result = invoke("merge", first, "-o", first)
     assert "found one of the drives to merge, needed another -o" in str(result.exception)
+    (first / "poses").mkdir()
+    (first / "lidar.txt").rename(first / "poses" / "all.txt")
+    content = (first / "drive.yaml").read_text()
+    (first / "drive.yaml").write_text(content.replace("lidar.txt", "poses/all.txt"))
+    result = invoke("merge", first, "-o", first / "all.yaml", "--force")
+    assert f"all.txt: found the poses of {first / 'drive.yaml'}, needed another -o" in str(result.exception)
+
+
+def test_only_a_drive_of_the_same_data_is_replaced(tmp_path: Path) -> None:
+    first, other = write_drive(tmp_path / "first", 10.0), write_drive(tmp_path / "other", 10.0)
+    before = (other / "drive.yaml").read_text()
+    result = invoke("merge", first, "-o", other)
+    assert "found a drive of other data, needed another -o, or --force" in str(result.exception)
+    assert (other / "drive.yaml").read_text() == before
+    assert not (other / "poses").exists()
+    for again in ((), (), ("--force",)):
+        out = other if again else tmp_path / "both"
+        assert invoke("merge", first, "-o", out, *again).exit_code == 0

@@ -41,6 +41,11 @@ def test_frames_are_chosen_and_left_out(street: Path) -> None:
         chosen_frames(drive, None, ["x"])
     with pytest.raises(InputError, match=r"found no frame that is left of \d+ frames, needed one"):
         chosen_frames(drive, slice(0, 1), [names[0]])
+    twice = drive.model_copy(update={"frames": (*drive.frames, drive.frames[0])})
+    assert chosen_frames(twice, None, [drive.frames[0].points]).frames == drive.frames[1:]
+    pair = drive.model_copy(update={"frames": drive.frames[:1] * 2})
+    with pytest.raises(InputError, match=rf"'x', needed {drive.frames[0].points}$"):
+        chosen_frames(pair, None, ["x"])
     run = invoke(
         "calibrate", street, "--frames", "0:3", "--exclude", names[1], "--no-polish", "--json", "--quiet"
     )

@@ -1,5 +1,6 @@
 """The spin of a LiDAR: times by azimuth, in drives, odometry, imports and `inspect`."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.importing.kitti_motion import MOMENT_S, read_packet
 from semcal_cli.importing.sweep_odometry import drive_motion
 from semcal_cli.observations.loading import LoadedDrive
-from semcal_cli.observations.motion import compensated, read_trajectory
+from semcal_cli.observations.motion import compensated, read_poses, read_trajectory
 from semcal_cli.observations.reading import load_points, read_clouds
 
 KITTI = {"rate_hz": 10.0, "clockwise": True, "seam_deg": 180.0}
@@ -228,6 +229,36 @@ def test_all_drives_of_a_day_are_one_drive(tmp_path: Path) -> None:
     (of.out / "drive.yaml").unlink()
     says = of.complaint("--sequence", "2011_09_26", "--image-labels", tmp_path / "labels")
     assert says.endswith("0000000000.png: found several frames of this name, needed a label file for each")
+
+
+def test_sequences_keep_their_poses_and_need_times_of_their_own(tmp_path: Path) -> None:
+    of = Import("kitti-raw", tmp_path)
+    other = KITTI_RAW_DRIVE.replace("0001", "0002")
+    for drive, minute in ((KITTI_RAW_DRIVE, 2), (other, 1)):
+        for number in range(2):
+            write_cloud(of.root / drive / f"velodyne_points/data/{number:010d}.bin")
+            write_ids(of.root / drive / f"image_02/data/{number:010d}.png")
+        with_packets(of, drive)
+        stamps = "".join(f"2011-09-26 13:0{minute}:25.{tenth}00000000\n" for tenth in (1, 2))
+        write(of.root / drive / "velodyne_points/timestamps.txt", stamps)
+    first, second = Path(KITTI_RAW_DRIVE).name, Path(other).name
+    sequences = "--sequence", first, "--sequence", second
+    drive = of.run(*sequences)
+    assert drive.motion is not None
+    stamps_s, _ = read_poses(drive.resolve(str(drive.motion.poses)))
+    late, early = (drive.frames[index].points_stamp or 0.0 for index in (0, 2))
+    assert late - early == pytest.approx(60.0)
+    expected = [start + step for start in (early, late) for step in (-0.1, 0.0, 0.1, 0.2)]
+    assert stamps_s == pytest.approx(expected, abs=1e-6)
+    for folder in (KITTI_RAW_DRIVE, other):
+        (of.root / folder / "velodyne_points/timestamps.txt").unlink()
+    says = of.complaint(*sequences, "--force")
+    assert (
+        f"--sequence: found times of {second} from -0.100 s on, before the end of {first} at 0.200 s" in says
+    )
+    shutil.rmtree(of.root / other / "oxts")
+    says = of.complaint(*sequences, "--force")
+    assert f"--sequence: found poses of {first}, and none of {second}, needed poses of all or none" in says
 
 
 def test_kitti_360_states_the_motion_of_raw_sweeps(tmp_path: Path) -> None:

@@ -385,7 +385,9 @@ def _dataset_command(name: str, summary: str, help: str) -> click.Command:
             for sequence in sequences
         }
         by_name = settings.image_labels is not None or settings.point_labels is not None
-        settings.write(join_sequences(recordings, are_labelled_by_name=by_name))
+        settings.write(
+            join_sequences(recordings, are_labelled_by_name=by_name, by_odometry=settings.odometry)
+        )
 
     return SettingsCommand(
         name,

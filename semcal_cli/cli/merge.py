@@ -19,6 +19,7 @@ class MergeSettings(QuietSettings):
     output: Path = option(
         "Folder for the merged drive, or its drive.yaml.", "-o", "--output", required=True, metavar="DRIVE"
     )
+    force: bool = option("Replace a drive.yaml, even of other data.", default=False)
     max_points: int = max_points()
 
 
@@ -35,7 +36,7 @@ def merge(settings: MergeSettings) -> None:
     from semcal_cli.importing.merged_drive import merge_drives
 
     drives = [read_drive(path, settings.max_points) for path in settings.drives]
-    merged = merge_drives(drives, settings.output)
+    merged = merge_drives(drives, settings.output, force=settings.force)
     if settings.quiet:
         return
     remarks = [f"{key} is not the same in all drives, and is left out" for key in merged.left_out]

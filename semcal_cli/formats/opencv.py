@@ -212,7 +212,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
 
 FORMAT = directed_format(
     "opencv",
-    f"{KEY} of a FileStorage, or its only 4 x 4 or 3 x 4 matrix",
+    f"{KEY} of a FileStorage, its only 4 x 4 or 3 x 4 matrix, or the one that --camera names",
     lambda source: _is_storage_of_opencv(source.start),
     _read,
     _make,

@@ -14,12 +14,26 @@ from semcal_cli.drive.document import FILES, Drive, Motion, output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, is_same_file, read_text
-from semcal_cli.files.output_files import make_folder, write_text
+from semcal_cli.files.output_files import remove_if_refused
 from semcal_cli.files.validation import validate
-from semcal_cli.observations.motion import read_poses
+from semcal_cli.importing.drive_folder import check_may_replace
+from semcal_cli.observations.frame_selection import with_frames
+from semcal_cli.observations.motion import compensated, read_poses
+from semcal_cli.observations.point_times import MAX_SWEEP_S
+from semcal_cli.observations.reading import read_clouds
 from semcal_cli.result.refined_camera import camera_differences
 
-SHARED = ("lidar", "ignore", "classes", "palette", "time_offset_s", "time_offset_sigma_s")
+SHARED = (
+    "lidar",
+    "ignore",
+    "classes",
+    "palette",
+    "point_columns",
+    "point_type",
+    "time_unit",
+    "time_offset_s",
+    "time_offset_sigma_s",
+)
 """Keys whose values must be the same in all drives."""
 OPTIONAL = ("networks", "synchronization", "T_camera_lidar")
 """Keys that are left out where their values are not the same."""
@@ -38,7 +52,7 @@ class MergedDrive(NamedTuple):
     """Keys that are left out, since they are not the same in all drives."""
 
 
-def merge_drives(drives: Sequence[Drive], out: Path) -> MergedDrive:
+def merge_drives(drives: Sequence[Drive], out: Path, *, force: bool = False) -> MergedDrive:
     """Write one drive with the frames of several drives of one rig, in their order. It names the files where they are.
 
     Poses of drives at different times become one file beside the new drive.
@@ -46,16 +60,27 @@ def merge_drives(drives: Sequence[Drive], out: Path) -> MergedDrive:
     Args:
         drives: The drives, at least one.
         out: Folder of the new drive, or its drive.yaml.
+        force: Whether a drive.yaml of other data, or any other file in its place, is replaced.
 
     Raises:
         InputError: the drives differ in the camera or in another key that counts for all frames, their poses overlap in
-            time, or a file cannot be read or written.
+            time or do not cover their own frames, a file cannot be read or written, or the drive.yaml is there and is
+            not one of these data.
     """
     path, first = output_drive_file(out), drives[0]
+    poses_path = path.parent / "poses" / f"{path.stem}.txt"
     for drive in drives:
-        if is_same_file(path, drive.path):
-            raise InputError(f"{path}: found one of the drives to merge, needed another -o")
+        _check_kept(drive, (path, poses_path))
         _check_same(first, drive)
+    if not force:
+        known_files = {
+            os.path.realpath(drive.resolve(name))
+            for drive in drives
+            for frame in drive.frames
+            for name in (frame.image, frame.image_labels, frame.points)
+            if name is not None
+        }
+        check_may_replace(path, lambda file, frame: os.path.realpath(file) in known_files)
     left_out = tuple(key for key in OPTIONAL if not _have_same(drives, key))
     # What nobody stated, such as the clock, is not stated by a copy.
     document = first.model_dump(mode="json", exclude_unset=True, exclude_none=True, exclude=set(left_out))
@@ -63,15 +88,41 @@ def merge_drives(drives: Sequence[Drive], out: Path) -> MergedDrive:
     if isinstance(first.camera.mask, str):
         document["camera"]["mask"] = _relative(first, first.camera.mask, path)
     poses = _joined_poses(drives)
-    make_folder(path.parent)
     if poses is not None:
-        poses_path = path.parent / "poses" / f"{path.stem}.txt"
-        make_folder(poses_path.parent)
-        write_text(poses, poses_path)
+        for drive in drives:
+            _check_covered(drive)
         document["motion"]["poses"] = poses_path.relative_to(path.parent).as_posix()
     validate(Drive, document, path)
-    write_text(document_text(document, "yaml"), path)
+    with remove_if_refused() as write:
+        if poses is not None:
+            write(poses.encode(), poses_path)
+        write(document_text(document, "yaml").encode(), path)
     return MergedDrive(path, len(document["frames"]), left_out)
+
+
+def _check_kept(drive: Drive, outputs: tuple[Path, ...]) -> None:
+    """Check that the merged drive replaces neither a drive nor its poses."""
+    for output in outputs:
+        if is_same_file(output, drive.path):
+            raise InputError(f"{output}: found one of the drives to merge, needed another -o")
+        if (motion := drive.motion) and motion.poses and is_same_file(output, drive.resolve(motion.poses)):
+            raise InputError(f"{output}: found the poses of {drive.path}, needed another -o")
+
+
+def _check_covered(drive: Drive) -> None:
+    """Check that a drive's own poses cover its frames: the joined ones also cover the time between two drives.
+
+    Only frames near the first and the last pose are read: points and image are within `MAX_SWEEP_S` of the stamp of
+    their sweep.
+    """
+    assert drive.motion is not None
+    stamps_s, _ = read_poses(drive.resolve(str(drive.motion.poses)))
+    near_s = MAX_SWEEP_S + abs(drive.time_offset_s) + drive.camera.readout_s
+    start_s, end_s = min(stamps_s) + near_s, max(stamps_s) - near_s
+    for index, frame in enumerate(drive.frames):
+        if frame.points_stamp is None or not start_s < frame.points_stamp < end_s:
+            near = with_frames(drive, [index])
+            compensated(near, read_clouds(near))
 
 
 def _check_same(first: Drive, drive: Drive) -> None:

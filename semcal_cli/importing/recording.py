@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, get_origin
 
@@ -18,6 +19,7 @@ from semcal_cli.errors import InputError, describe
 from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.importing.dataset_tree import need_folder
 from semcal_cli.importing.ontologies import Ontology
+from semcal_cli.importing.sweep_odometry import NS
 
 Kind = TypeVar("Kind")
 
@@ -189,17 +191,23 @@ class Recording:
     """Its standard deviation, in seconds; None for the default of a drive."""
 
 
-def join_sequences(recordings: Mapping[str, Recording], *, are_labelled_by_name: bool) -> Recording:
+def join_sequences(
+    recordings: Mapping[str, Recording], *, are_labelled_by_name: bool, by_odometry: bool
+) -> Recording:
     """Make one recording of several sequences of a data set, with their frames in the given order.
 
     Args:
         recordings: The recordings by the names of their sequences, at least one.
         are_labelled_by_name: Whether labels are looked up by the names of frames.
+        by_odometry: Whether the motion will be estimated from the sweeps in order of time.
 
     Raises:
-        InputError: the sequences differ in the camera or in another block of the drive, or frames have the same name
-            where files are named after them.
+        InputError: the sequences differ in the camera or in another block of the drive, frames have the same name
+            where files are named after them, or the sequences have a motion and overlap in time.
     """
+    poses = _joined_poses(recordings)
+    if by_odometry or poses is not None:
+        _check_times(recordings)
     (first_name, first), *others = recordings.items()
     frames, remarks = list(first.frames), list(first.remarks)
     for name, recording in others:
@@ -209,8 +217,11 @@ def join_sequences(recordings: Mapping[str, Recording], *, are_labelled_by_name:
             "point_classes",
             "image_classes",
             "ids_in_red",
+            "point_form",
             "motion",
             "synchronization",
+            "time_offset_s",
+            "time_offset_sigma_s",
         ):
             if getattr(recording, key) != getattr(first, key):
                 raise InputError(
@@ -235,7 +246,37 @@ def join_sequences(recordings: Mapping[str, Recording], *, are_labelled_by_name:
         frames += recording.frames
         remarks += [remark for remark in recording.remarks if remark not in remarks]
     read = tuple(dict.fromkeys(path for recording in recordings.values() for path in recording.read))
-    return replace(first, frames=frames, remarks=tuple(remarks), read=read)
+    return replace(first, frames=frames, remarks=tuple(remarks), read=read, poses=poses)
+
+
+def _joined_poses(recordings: Mapping[str, Recording]) -> dict[int, Pose] | None:
+    """Join the poses of all sequences in order of time; None if no sequence has poses."""
+    poses = {name: recording.poses for name, recording in recordings.items() if recording.poses is not None}
+    if not poses:
+        return None
+    if lacking := [name for name in recordings if name not in poses]:
+        raise InputError(
+            f"--sequence: found poses of {next(iter(poses))}, and none of {lacking[0]}, needed poses of all or none: "
+            "import each sequence alone"
+        )
+    joined = {stamp_ns: T for of_one in poses.values() for stamp_ns, T in of_one.items()}
+    return {stamp_ns: joined[stamp_ns] for stamp_ns in sorted(joined)}
+
+
+def _check_times(recordings: Mapping[str, Recording]) -> None:
+    """Check that sequences are of different times: their poses, or sweeps without poses, do not overlap."""
+    spans = []
+    for name, recording in recordings.items():
+        stamps_s = [stamp_ns / NS for stamp_ns in recording.poses or ()]
+        stamps_s += [frame.points_stamp for frame in recording.frames if frame.points_stamp is not None]
+        if stamps_s:
+            spans.append((min(stamps_s), max(stamps_s), name))
+    for (_, end_s, before), (start_s, _, name) in pairwise(sorted(spans)):
+        if start_s <= end_s:
+            raise InputError(
+                f"--sequence: found times of {name} from {start_s:.3f} s on, before the end of {before} at "
+                f"{end_s:.3f} s, needed sequences of different times for their motion: import each alone"
+            )
 
 
 def check_recording(recording: object, guard: Guard) -> Recording:

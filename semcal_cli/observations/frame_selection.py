@@ -38,21 +38,25 @@ def chosen_frames(drive: Drive, part: slice | None, excluded: Collection[str]) -
     Args:
         drive: The drive.
         part: Indices of the frames; None for all.
-        excluded: Names of frames: their point clouds, also without folder and suffix where that is unique.
+        excluded: Names of frames: their point clouds, also without folder and suffix where that is unique. All frames
+            with such a cloud are left out.
 
     Raises:
         InputError: there is no frame of an excluded name, or no frame is left.
     """
     clouds = [frame.points for frame in drive.frames]
-    index_by_name = {
-        name: index for names in (clouds, frame_names(clouds)) for index, name in enumerate(names)
-    }
+    short = frame_names(clouds)
+    known, left_out = {*clouds, *short}, set(excluded)
     for name in excluded:
-        if name not in index_by_name:
-            names = one_of(name, frame_names(clouds))
+        if name not in known:
+            names = one_of(name, dict.fromkeys(short))
             raise InputError(f"{drive.path}: --exclude: found no frame {name!r}, needed {names}")
-    left_out = {index_by_name[name] for name in excluded}
-    kept = [index for index in range(len(clouds))[part or slice(None)] if index not in left_out]
+    # Several frames may have one cloud, such as those of several images of a sweep.
+    kept = [
+        index
+        for index in range(len(clouds))[part or slice(None)]
+        if left_out.isdisjoint((clouds[index], short[index]))
+    ]
     if not kept:
         raise InputError(
             f"{drive.path}: found no frame that is left of {counted(len(clouds), 'frame')}, needed one"
