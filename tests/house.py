@@ -30,7 +30,7 @@ MORE_PUBLIC_NAMES = {
     "estimation/uncertainty": 29,
     "files": 83,
     "geometry": 30,
-    "observations": 64,
+    "observations": 66,
     "pipeline": 29,
     "report": 26,
     "result": 56,

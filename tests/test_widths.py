@@ -21,6 +21,7 @@ LINES = (
     "inspect d",
     "inspect d --frames",
     "import kitti-object tree -o k",
+    "merge k -o m",
     "label d --points segments -o s",
     "label --list-models",
     "convert c.yaml --to opencalib -o T.txt",
