@@ -64,7 +64,7 @@ def test_the_time_is_the_azimuth(changes: dict[str, Any], times_ms: list[float])
 @pytest.mark.parametrize(
     ("block", "says"),
     [
-        ({}, "found nothing, needed channels, columns, fov_up_deg, fov_down_deg together, or spin"),
+        ({}, "found nothing, needed channels, columns, fov_up_deg, fov_down_deg together, origin_m, or spin"),
         (
             {"channels": 64, "spin": KITTI},
             "found channels, needed channels, columns, fov_up_deg, fov_down_deg together",
