@@ -194,7 +194,9 @@ def test_times_of_another_unit_or_clock_are_refused(tmp_path: Path, skewed: dict
     as_written = load(tmp_path, skewed | {"frames": skewed["frames"][:1]}, {"twist": TWIST})
     moved, expected = (seen.clouds[0].points for seen in (in_microseconds, as_written))
     np.testing.assert_allclose(moved, expected, atol=1e-3)
-    assert load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 9.0}).motion_error_px is None
+    with pytest.raises(InputError, match=r"us\.npy: .* needed time_unit: us in"):
+        load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 9.0})
+    assert load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 0.0}).motion_error_px == 0.0
     late = [skewed["frames"][0] | {"image_stamp": STAMPS["image_stamp"] + 1000.0}]
     with pytest.raises(
         InputError, match=r"image_stamp: found 1000\.06 s after points_stamp, needed at most 1 s"

@@ -96,6 +96,18 @@ def test_few_frames_keep_the_time_between_all_sweeps(tmp_path: Path) -> None:
     few = drive.model_copy(update={"frames": drive.frames[::2]})
     with pytest.raises(InputError, match=r"sweeps 0\.1 s apart"):
         farthest_m(few)
+    # Nor do labels that are made on the way make another drive of it.
+    labelled = (
+        "calibrate",
+        tmp_path,
+        "--image-model",
+        "net.onnx",
+        "--max-frames",
+        1,
+        "-o",
+        tmp_path / "o.yaml",
+    )
+    assert "sweeps 0.1 s apart" in str(invoke(*labelled).exception)
 
 
 @pytest.mark.parametrize(

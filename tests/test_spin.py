@@ -10,9 +10,10 @@ from bags import START_NS, Messages
 from dataset_imports import Import
 from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, moved, numbers, write, write_cloud, write_ids
 
+from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.seam import check_seam, seam_of
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.lidar import Lidar
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
@@ -110,6 +111,25 @@ def test_a_sweep_without_times_is_deskewed_as_one_with_them() -> None:
     assert compensated(deskewed, read_clouds(deskewed))[0].is_rigid
 
 
+def test_times_that_are_all_alike_tell_nothing() -> None:
+    """Neither to a calibration nor to `inspect`, with a spin or without."""
+    azimuths = 90.0 - np.linspace(0.0, 359.9, 1800)
+    points = around(azimuths)
+    for others in ({}, {"lidar": {"spin": KITTI}}):
+        alike, untimed = (
+            array_drive(points, **others, **times) for times in ({"point_times": [0 * azimuths]}, {})
+        )
+        (one,), (other,) = (compensated(drive, read_clouds(drive)) for drive in (alike, untimed))
+        np.testing.assert_array_equal(one.points, other.points)
+        assert one.is_rigid == (not others)
+        assert not any("point times" in line for line in inspect(alike).suspicions)
+        assert len(check_seam(alike, read_clouds(alike))) == (not others)
+    # The azimuths of a spin are about the place where the rays start.
+    moved = array_drive(points + np.float32([1.0, 8.0, 0.0]), lidar={"origin_m": [1.0, 8.0, 0.0]})
+    (finding,) = check_seam(moved, read_clouds(moved))
+    assert "clockwise from 90 degrees" in finding.sentence
+
+
 def test_a_spin_without_a_motion_is_noted() -> None:
     points = around(np.linspace(-179.0, 179.0, 500))
     note = "lidar.spin deskews no sweep, because the drive gives neither motion.poses nor motion.twist"
@@ -145,6 +165,10 @@ def test_odometry_takes_the_times_of_the_spin(tmp_path: Path) -> None:
         found.append(drive_motion(read_drive(tmp_path / f"{name}.yaml")).poses)
     assert found[0].keys() == found[1].keys()
     np.testing.assert_allclose([*found[0].values()], [*found[1].values()], atol=1e-6)
+    deskewed = Motion.model_validate({"twist": TWIST, "point_times": "deskewed"})
+    motion = drive_motion(read_drive(tmp_path / "plain.yaml").model_copy(update={"motion": deskewed}))
+    assert motion.point_times == "deskewed"
+    assert not np.allclose([*motion.poses.values()], [*found[1].values()], atol=1e-3)
 
 
 def test_an_import_estimates_the_motion_of_a_data_set(tmp_path: Path) -> None:

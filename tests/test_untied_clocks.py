@@ -135,6 +135,13 @@ def test_what_sweeps_without_times_are_smeared_widens_the_interval(loaded: Loade
     assert sigma_s(motion=Motion(speed_m_s=10.0)) == smeared
     assert sigma_s(motion=FAST.model_copy(update={"point_times": "deskewed"})) == 0.02
     assert sigma_s(motion=FAST, synchronization="hardware") == 0.02
+    # What the times of a spin tell at a speed is measured, and not counted again.
+    measured = replace(loaded, observations=replace(loaded.observations, motion_error_px=2.0))
+    clock = ClockUncertainty.of(
+        restated(measured, motion=Motion(speed_m_s=10.0)), make_pose((0, 0, 0), (0, 0, 0)), PolishConfig()
+    )
+    assert clock is not None
+    assert clock.sigma_s == 0.02
 
 
 @pytest.fixture(scope="module")

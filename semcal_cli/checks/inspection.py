@@ -37,7 +37,7 @@ from semcal_cli.observations.cues.segments import kinds_of_segments
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
 from semcal_cli.observations.motion import motion_error_px
 from semcal_cli.observations.observations import Observations
-from semcal_cli.observations.point_times import check_point_times
+from semcal_cli.observations.point_times import checked_times
 from semcal_cli.observations.reading import count_labels, load_observations, read_clouds, read_label_images
 from semcal_cli.observations.scenes import alike_frames, nearest_ranges
 
@@ -149,7 +149,6 @@ def inspect(drive: Drive) -> DriveReport:
             *_sentences(check_class_names(point_names, pixel_names)),
             *motion.suspicions,
             *_check_times(probed, clouds),
-            *_sentences(check_sweep_motion(motion_error_px(probed, clouds))),
             *_sentences(check_origin(drive, points)),
             *_sentences(check_readout(drive, points)),
             *_sentences(() if few is None else check_mirroring(few)),
@@ -265,14 +264,15 @@ def _check_scale(median_m: float, few: Observations | None) -> list[str]:
 
 
 def _check_times(drive: Drive, clouds: Sequence[SweepCloud]) -> list[str]:
-    """List the first complaint about point times that a calibration with a motion refuses."""
+    """List the first complaint about point times that a calibration refuses, or what a known speed may cost."""
+    motion = drive.motion
     try:
         for frame, cloud in zip(drive.frames, clouds, strict=True):
-            if drive.motion is not None and cloud.time is not None:
-                check_point_times(drive, frame, cloud.time, drive.motion.point_times)
+            if motion is not None:
+                checked_times(drive, frame, cloud, motion.point_times)
+        return _sentences(check_sweep_motion(motion_error_px(drive, clouds)))
     except InputError as error:
         return [str(error)]
-    return []
 
 
 def _check_labels(labelled: Drive) -> tuple[Finding, ...]:

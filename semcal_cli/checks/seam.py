@@ -55,10 +55,9 @@ def check_seam(drive: Drive, clouds: Sequence[SweepCloud]) -> tuple[Finding, ...
         may_be_smeared = first_stamp(drive) is not None
     else:
         may_be_smeared = motion.point_times != "deskewed" and motion.speed_m_s != 0.0
-    is_stated = drive.lidar is not None and drive.lidar.spin is not None
-    if is_stated or not may_be_smeared or any(cloud.time is not None for cloud in clouds):
+    if not may_be_smeared or any(drive.told_times(cloud) is not None for cloud in clouds):
         return ()
-    seams = [seam_of(cloud.points) for cloud in clouds]
+    seams = [seam_of(drive.rays(cloud.points)) for cloud in clouds]
     if not seams or seams[0] is None or None in seams:
         return ()
     is_clockwise, seam_deg = seams[0]
@@ -71,7 +70,7 @@ def seam_of(points: Points) -> tuple[bool, float] | None:
     """Find where a sweep begins if its points are in the order of one turn, as many recorders write them.
 
     Args:
-        points: (N, 3) metres, LiDAR frame.
+        points: (N, 3) metres, from where the rays start.
 
     Returns:
         Whether the LiDAR turns clockwise as seen from above, and the azimuth of the first points in degrees; None if

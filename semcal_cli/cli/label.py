@@ -121,14 +121,21 @@ def label_on_the_way(drive: Drive, images: ImageSettings, max_frames: int, termi
         The drive.yaml with the labels of the first network.
 
     Raises:
-        InputError: a model or the card is wrong, or an image cannot be labelled.
+        InputError: a model or the card is wrong, an image cannot be labelled, or a calibration would refuse the point
+            times.
     """
     from semcal_cli.errors import counted
     from semcal_cli.labelling.labelled_drive import label_beside
     from semcal_cli.labelling.sides import image_side
     from semcal_cli.observations.frame_selection import with_few_frames
+    from semcal_cli.observations.point_times import checked_times
+    from semcal_cli.observations.reading import read_clouds
 
     start, chosen = perf_counter(), with_few_frames(drive, max_frames)
+    if drive.motion is not None:
+        # All sweeps tell in which unit their times are, and the labelled drive has only the chosen ones.
+        (cloud,) = read_clouds(first := with_few_frames(drive, 1))
+        checked_times(first, first.frames[0], cloud, drive.motion.point_times)
     sides = [
         image_side(labeller, chosen.image_levels) for labeller in images.image_labellers(chosen, terminal)
     ]

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 from typing_extensions import Unpack
 
@@ -25,6 +26,7 @@ from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.lidar import Lidar
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import InputError, MisplacedError, describe, mismatch
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.image_levels import ImageLevels
 from semcal_cli.files.input_files import is_folder
@@ -37,7 +39,7 @@ from semcal_cli.files.validation import (
     length,
     validate,
 )
-from semcal_cli.geometry.arrays import Points
+from semcal_cli.geometry.arrays import Numbers, Points
 
 DRIVE_FILE = "drive.yaml"
 RIG_FILE = "rig.yaml"
@@ -303,6 +305,22 @@ class Drive(StrictModel):
     def sweep_gap_s(self) -> float | None:
         """Median time from one sweep to the next, in seconds; None without stamps of two sweeps."""
         return self._sweep_gap_s
+
+    def told_times(self, cloud: SweepCloud) -> tuple[Numbers, bool] | None:
+        """Return when the points of a sweep were measured, where its file or the spin of the LiDAR tells it.
+
+        Returns:
+            Times (N,) in seconds, and whether they follow from the spin, as seconds after `points_stamp`, instead of
+            being those of the file. None if neither tells them, or if `motion` states that sweeps are deskewed. Times
+            of a file that are all alike tell nothing.
+        """
+        if self.motion is not None and self.motion.point_times == "deskewed":
+            return None
+        if cloud.time is not None and np.ptp(cloud.time) != 0.0:
+            return cloud.time, False
+        if self.lidar is None or self.lidar.spin is None:
+            return None
+        return self.lidar.spin.times(self.rays(cloud.points)), True
 
     @property
     def point_form(self) -> PointForm:

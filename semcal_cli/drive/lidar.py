@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.errors import mismatch
-from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.validation import StrictModel, length
 from semcal_cli.geometry.arrays import Numbers, Points
 
@@ -89,16 +88,6 @@ class Lidar(StrictModel):
         """The scan pattern; None if it is not stated."""
         values = self.channels, self.columns, self.fov_up_deg, self.fov_down_deg
         return None if None in values else ScanPattern(*values)  # type: ignore[arg-type]
-
-    def times_of(self, cloud: SweepCloud) -> Numbers | None:
-        """Compute the times of the points of a sweep (N,), seconds after its stamp, from their azimuths.
-
-        Returns:
-            None if the file has times, unless these are all alike, or if the spin is not stated.
-        """
-        if self.spin is None or (cloud.time is not None and np.ptp(cloud.time) != 0.0):
-            return None
-        return self.spin.times(self.rays(cloud.points))
 
     def rays(self, points: Points) -> Points:
         """Compute the vectors (N, 3) from where the rays start to points (N, 3), metres."""

@@ -46,7 +46,7 @@ class Options:
     point_classes: str | None = None
     """Name or file of the class table of the points; None for the data set's own."""
     odometry: bool = False
-    """Whether the motion is estimated from all sweeps, if the data set states none."""
+    """Whether the motion is estimated from the sweeps of all frames, also of those not chosen, if none is stated."""
 
 
 def relabel(recording: Recording, options: Options) -> Recording:

@@ -149,7 +149,10 @@ def _document(recording: Recording, path: Path) -> dict[str, Any]:
 
 
 def _with_odometry(recording: Recording, path: Path) -> Recording:
-    """Estimate the motion from all sweeps, or compare it with the stated one; frames without poses are left out."""
+    """Estimate the motion from the sweeps of all frames, or compare it with the stated one.
+
+    Frames without poses are left out.
+    """
     if converted := [frame.name for frame in recording.frames if isinstance(frame.points, Conversion)]:
         raise InputError(
             f"--odometry: found a converted cloud in frame {converted[0]!r}, needed sweeps as recorded"

@@ -22,7 +22,7 @@ from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Matrix, Numbers, Points, Pose, Vector, Vectors
 from semcal_cli.geometry.poses import orthonormal, quaternion_xyzw
 from semcal_cli.observations.motion import displacement
-from semcal_cli.observations.point_times import check_point_times
+from semcal_cli.observations.point_times import checked_times
 
 NS = 1_000_000_000
 RANGES_M = 1.5, 100.0
@@ -269,17 +269,18 @@ class DriveMotion(NamedTuple):
     uncovered: list[str]
     """Sweeps of frames without poses close before and after them."""
     point_times: str
-    """`relative` or `absolute`, for `point_times` of the `motion:` block."""
+    """`relative`, `absolute` or `deskewed`, for `point_times` of the `motion:` block."""
 
 
 def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     """Estimate the motion of the LiDAR in a drive of consecutive sweeps. One sweep is in memory at a time.
 
     Sweeps whose points have no times, neither their own nor by the LiDAR's spin, are assumed to be deskewed to their
-    stamp.
+    stamp, as are those of a drive whose `motion` says so.
 
     Raises:
-        InputError: a frame has no stamp, a file cannot be read, or the sweeps are not consecutive.
+        InputError: a frame has no stamp, a file cannot be read, point times cannot be seconds or do not belong to the
+            stamps, or the sweeps are not consecutive.
     """
     odometry, is_absolute = Odometry(), False
     stamps_s, moments_s = dict[str, float](), dict[str, list[float]]()
@@ -294,12 +295,9 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     for number, (name, stamp_s) in enumerate(ordered, start=1):
         on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
         (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points, drive.point_form)
-        spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
-        times_s = cloud.time if spun is None else spun
-        if times_s is not None and spun is None:
-            finite_s = times_s[np.isfinite(times_s)]
-            if check_point_times(drive, frames[name], finite_s, None) == "absolute":
-                is_absolute, times_s = True, times_s - stamp_s
+        times_s, is_on_clock = checked_times(drive, frames[name], cloud, None) or (None, False)
+        if times_s is not None and is_on_clock:
+            is_absolute, times_s = True, times_s - stamp_s
         odometry.add(cloud.points, times_s, round(stamp_s * NS))
         moments_s[name] += [stamp_s + end for end in (0.0, *_ends(times_s))]
     poses = odometry.poses()
@@ -318,7 +316,10 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
         for name, _ in ordered
         if not are_covered(stamps, [round(moment_s * NS) for moment_s in moments_s[name]])
     ]
-    return DriveMotion(poses, odometry.doubtful_ns, uncovered, "absolute" if is_absolute else "relative")
+    reference = "absolute" if is_absolute else "relative"
+    if drive.motion is not None and drive.motion.point_times == "deskewed":
+        reference = "deskewed"
+    return DriveMotion(poses, odometry.doubtful_ns, uncovered, reference)
 
 
 def _ends(times_s: Numbers | None) -> list[float]:

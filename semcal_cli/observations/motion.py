@@ -23,7 +23,7 @@ from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.arrays import Array, Numbers, Pose
 from semcal_cli.geometry.poses import orthonormal, pose_from_quaternion
 from semcal_cli.observations.observations import LabelledCloud, Observations
-from semcal_cli.observations.point_times import MAX_SWEEP_S, MIN_SWEEP_S, check_point_times
+from semcal_cli.observations.point_times import MAX_SWEEP_S, MIN_SWEEP_S, checked_times
 
 MAX_POSES = 1_000_000
 """Largest number of poses in a file. Reading them takes about ten seconds."""
@@ -55,7 +55,7 @@ def compensated(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Compensated]
 
     Points stay where they are if the drive has no motion with a direction. Times that a cloud lacks follow from the
     spin of the LiDAR. Where that is not stated, a cloud is taken as compensated: all its points are where the LiDAR
-    would have seen them at `points_stamp`.
+    would have seen them at `points_stamp`. Times that are all alike count as none.
 
     Raises:
         InputError: a frame has no stamps, times do not match the stamps, or the poses are invalid or do not cover the
@@ -138,20 +138,24 @@ def motion_error_px(drive: Drive, clouds: Sequence[SweepCloud]) -> float | None:
     of the LiDAR is unknown and not included.
 
     Returns:
-        Pixels; None unless the drive has a speed without a direction and clouds have times.
+        Pixels, 0 if the drive stands; None unless it has a speed without a direction and clouds have times.
+
+    Raises:
+        InputError: times cannot be seconds; those of a drive that stands are not used.
     """
     motion = drive.motion
-    if motion is None or motion.speed_m_s is None or motion.point_times == "deskewed":
+    if motion is None or motion.speed_m_s is None:
         return None
+    if motion.speed_m_s == 0.0:
+        return 0.0 if any(drive.told_times(cloud) is not None for cloud in clouds) else None
     shifts_px = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
-        spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
-        times = cloud.time if spun is None else spun
-        if times is None or not MIN_SWEEP_S <= np.ptp(times) <= MAX_SWEEP_S:
+        told = checked_times(drive, frame, cloud, motion.point_times)
+        if told is None:
             continue
+        times, is_absolute = told
         middle = 0.5 * (times.min() + times.max())
         if frame.points_stamp is not None and frame.image_stamp is not None:
-            is_absolute = spun is None and motion.point_times == "absolute"
             zero = 0.0 if is_absolute else frame.points_stamp
             moment = _moment(drive, frame) - zero
             middle = moment if abs(moment - middle) <= MAX_SWEEP_S else middle
@@ -173,14 +177,11 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> tup
         raise InputError(
             f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed a time for the motion"
         )
-    spun = None if drive.lidar is None else drive.lidar.times_of(cloud)
-    if motion.point_times == "deskewed" or (cloud.time is None and spun is None):
+    told = checked_times(drive, frame, cloud, motion.point_times)
+    if told is None:
         return np.full(len(cloud.points), frame.points_stamp), True
-    if spun is not None:
-        return spun + frame.points_stamp, False
-    assert cloud.time is not None
-    check_point_times(drive, frame, cloud.time, motion.point_times)
-    return cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0), False
+    times, is_absolute = told
+    return times + (0.0 if is_absolute else frame.points_stamp), False
 
 
 def _moment(drive: Drive, frame: Frame) -> float:

@@ -6,9 +6,12 @@ how long a sweep may be: times that span much more have another unit.
 
 from __future__ import annotations
 
+import numpy as np
+
 from semcal_cli.config.point_files import SECONDS_PER_UNIT, NamedUnit
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import InputError
+from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.geometry.arrays import Numbers
 
 MAX_SWEEP_S = 1.0
@@ -29,31 +32,49 @@ TURN_TOLERANCE = 0.05
 """Largest difference of a rate from a usual one, as a share of it."""
 
 
-def check_point_times(drive: Drive, frame: Frame, times_s: Numbers, reference: str | None) -> str:
-    """Check that the times of a sweep's points are seconds, and belong to its stamp.
+def checked_times(
+    drive: Drive, frame: Frame, cloud: SweepCloud, reference: str | None
+) -> tuple[Numbers, bool] | None:
+    """Find when the points of a sweep were measured, and check that the times of its file are seconds.
 
     Args:
-        drive: The drive, which may state the unit of the times.
+        drive: The drive, which may state the unit of the times, and the spin of the LiDAR.
         frame: The frame of the sweep.
-        times_s: Times as read, seconds.
-        reference: What they refer to, as `point_times` of a motion states it; None if it is not stated.
+        cloud: The sweep.
+        reference: What times of the file refer to, as `point_times` of the drive's motion states it; None if they are
+            not for that motion.
 
     Returns:
-        What they refer to.
+        Times (N,) in seconds, and whether they are on the clock of the stamps instead of counting from `points_stamp`;
+        None where `Drive.told_times` finds none.
 
     Raises:
-        InputError: they span no sweep, sweeps would overlap by far, they may be seconds or shares of a sweep, or they
-            are too far from the stamp. The message names the unit or the reference that would fit.
+        InputError: times of the file are not finite, span no sweep, sweeps would overlap by far, they may be seconds or
+            shares of a sweep, or they are too far from the stamp. The message names the unit or the reference that
+            would fit. Those of a drive that stands are not checked, and with a speed alone any clock will do.
     """
-    if reference == "deskewed":
-        return reference
+    told = drive.told_times(cloud)
+    if told is None:
+        return None
+    times_s, is_spun = told
+    if is_spun:
+        return times_s, False
+    speed_m_s = None if reference is None or drive.motion is None else drive.motion.speed_m_s
+    if speed_m_s == 0.0:  # Nothing depends on them.
+        return times_s, reference == "absolute"
     first, last = float(times_s.min()), float(times_s.max())
     if reference is None:
         reference = "relative" if min(abs(first), abs(last)) <= MAX_SWEEP_S else "absolute"
-    complaint = _unit_complaint(drive, first, last) or _reference_complaint(frame, first, last, reference)
+    if not np.isfinite([first, last]).all():
+        complaint = "found point times that are not finite, needed a time for each point"
+    else:
+        complaint = _unit_complaint(drive, first, last)
+        # A motion without a direction moves no point: what it may cost follows from how long a sweep takes.
+        if speed_m_s is None:
+            complaint = complaint or _reference_complaint(frame, first, last, reference)
     if complaint:
         raise InputError(f"{drive.resolve(frame.points)}: {complaint}")
-    return reference
+    return times_s, reference == "absolute"
 
 
 def deduced_unit(times_s: Numbers, gap_s: float | None) -> NamedUnit | float | None:

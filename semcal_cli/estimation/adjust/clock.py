@@ -90,14 +90,15 @@ def _skew_s(data: LoadedDrive, motion: Motion) -> float:
     """Compute the standard deviation of the time at which sweeps see what the camera sees, seconds.
 
     Where points have no times and nobody says that sweeps are deskewed, or that the LiDAR and the camera look the same
-    way at the same time, that is any time of a sweep. It displaces the camera as an error of the clock does.
+    way at the same time, that is any time of a sweep. It displaces the camera as an error of the clock does. Where the
+    direction of the motion is unknown, `motion_error_px` tells what sweeps with times are smeared.
     """
     if data.drive.synchronization == "hardware" or motion.point_times == "deskewed":
         return 0.0
     observed = data.first_cue.frame_observations
     are_rigid = [frame.is_rigid for frame in observed]
     if motion.speed_m_s is not None:
-        are_rigid = [not data.observations.have_times]
+        are_rigid = [data.observations.motion_error_px is None]
     return float(np.mean(are_rigid)) * SWEEP_S / math.sqrt(12.0)
 
 
