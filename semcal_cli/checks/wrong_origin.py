@@ -26,15 +26,9 @@ WRONG_ORIGIN = Check(
                 "segments and occlusion need the true place"
             ),
         ),
-        meaning=(
-            "Points are in the frame of a vehicle, or of another sensor. Seen from there, near and far surfaces lie "
-            "behind one another, and what looks like an edge is none."
-        ),
-        cause="Data sets such as DDAD, Argoverse 2 and Waymo publish sweeps in the frame of the vehicle.",
-        remedy=(
-            "State the place of the LiDAR as `lidar: {origin_m: [x, y, z]}` in drive.yaml. The place that the sentence "
-            "names is good to some 20 cm; the data set's own is better."
-        ),
+        meaning="Seen from the stated place, near surfaces lie behind far ones, and what looks like an edge is none.",
+        cause="Points are in the frame of the vehicle, as those of DDAD and Argoverse 2.",
+        remedy="State `lidar: {origin_m: [x, y, z]}`. The place named is good to 20 cm; the data set's own is better.",
     ),
 )
 MIN_RATIO = 2.0

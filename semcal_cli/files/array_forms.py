@@ -101,11 +101,6 @@ SweepCloud: TypeAlias = core.PointCloud | ArrayCloud
 """A sweep read from a file, or made from arrays."""
 
 
-def seen_from(cloud: SweepCloud, points: Points) -> SweepCloud:
-    """Copy a sweep with other points (N, 3), metres, and without labels."""
-    return ArrayCloud(points, cloud.is_return, cloud.intensity, cloud.time, None, None, cloud.ring)
-
-
 def cloud_of(
     name: str, points: Array, times: Array | None = None, labels: tuple[str, Array] | None = None
 ) -> ArrayCloud:

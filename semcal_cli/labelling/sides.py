@@ -18,7 +18,7 @@ from semcal_cli import core
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.networks import LabelNetwork
 from semcal_cli.errors import InputError, name_in_errors
-from semcal_cli.files.array_forms import SweepCloud, seen_from
+from semcal_cli.files.array_forms import ArrayCloud, SweepCloud
 from semcal_cli.files.input_files import hash_file
 from semcal_cli.labelling.card import ImageCard
 from semcal_cli.labelling.cloud_labeller import CloudLabeller
@@ -193,7 +193,9 @@ def _point_side(
         labels = np.full(len(cloud.is_return), no_return, "<u4")
         with name_in_errors(drive.resolve(frame.points)):
             rays = drive.rays(points := cloud.points)
-            labels[cloud.is_return] = label_points(cloud if rays is points else seen_from(cloud, rays))
+            if rays is not points:
+                cloud = ArrayCloud(rays, cloud.is_return, cloud.intensity, cloud.time, None, None, cloud.ring)
+            labels[cloud.is_return] = label_points(cloud)
         return labels.tobytes()
 
     def is_whole(_: Drive, path: Path) -> bool:
