@@ -44,7 +44,10 @@ pub fn information_along(
     anchor: &Isometry3<f64>,
     lines: &[Line],
 ) -> Vec<Vec<f64>> {
-    let level = Level::new(Arc::clone(observations), &[], 1, usize::MAX);
+    // As for the agreement, pixels along borders count in full.
+    let mut observations = (**observations).clone();
+    observations.edge_band_px = 0;
+    let level = Level::new(Arc::new(observations), &[], 1, usize::MAX);
     let samples = level.samples(anchor, Counted::Visible);
     let none = |line: &Line| vec![level.empty_joint(); line.offsets.len()];
     let mut joints: Vec<Vec<JointHistogram>> = lines.iter().map(none).collect();
