@@ -28,7 +28,7 @@ MORE_PUBLIC_NAMES = {
     "checks": 27,
     "drive": 40,
     "estimation/uncertainty": 29,
-    "files": 83,
+    "files": 84,
     "geometry": 30,
     "observations": 66,
     "pipeline": 29,
