@@ -25,7 +25,7 @@ from semcal_cli.importing.choice import Options, keep_labelled, narrow, relabel,
 from semcal_cli.importing.dataset_tree import need_file, writable_name
 from semcal_cli.importing.motion_agreement import compare_motions
 from semcal_cli.importing.ontologies import Ontology
-from semcal_cli.importing.recording import Conversion, Recording, SourceFrame
+from semcal_cli.importing.recording import Conversion, Recording, SourceFrame, with_poses
 from semcal_cli.importing.sweep_odometry import NS, SIGMA, drive_motion, estimator, tum_text
 
 UNWRITTEN = Path("the drive to be written")
@@ -182,16 +182,9 @@ def _with_odometry(recording: Recording, path: Path) -> Recording:
         raise InputError(
             f"--odometry: found no frame with poses around it, needed {counted(3, 'consecutive sweep')}"
         )
-    remarks = [f"{estimator()} estimates the motion of the LiDAR from the sweeps; the drive uses it"]
-    if left_out := len(recording.frames) - len(covered):
-        remarks.append(f"left out {counted(left_out, 'frame')} without poses around them")
-    return replace(
-        recording,
-        frames=covered,
-        poses=motion.poses,
-        motion={"point_times": motion.point_times, "sigma": SIGMA},
-        remarks=(*recording.remarks, *remarks),
-    )
+    remark = f"{estimator()} estimates the motion of the LiDAR from the sweeps; the drive uses it"
+    block = {"point_times": motion.point_times, "sigma": SIGMA}
+    return with_poses(recording, covered, motion.poses, block, remark)
 
 
 def _poses_file(path: Path) -> str:

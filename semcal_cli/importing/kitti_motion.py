@@ -20,7 +20,7 @@ from semcal_cli.formats.node import number, parse_number
 from semcal_cli.geometry.arrays import Pose, TwistVector
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.importing.dataset_tree import KITTI_PERIOD_S
-from semcal_cli.importing.recording import Recording, SourceFrame
+from semcal_cli.importing.recording import Recording, SourceFrame, with_poses
 from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, NS, SIGMA, are_covered
 from semcal_cli.observations.motion import displacement
 
@@ -137,16 +137,9 @@ def with_motion(recording: Recording, poses: Mapping[int, Pose], source: str) ->
     if 2 * len(frames) < len(recording.frames):
         remark = f"{source} gives no poses around most frames: no motion is written, and sweeps stay skewed"
         return replace(recording, remarks=(*recording.remarks, remark))
-    remarks = [f"sweeps are deskewed by the spin of the LiDAR and the motion in {source}"]
-    if left_out := len(recording.frames) - len(frames):
-        remarks.append(f"left out {counted(left_out, 'frame')} without poses around them")
-    return replace(
-        recording,
-        frames=frames,
-        poses={stamp: poses[stamp] for stamp in stamps},
-        motion={"sigma": SIGMA},
-        remarks=(*recording.remarks, *remarks),
-    )
+    remark = f"sweeps are deskewed by the spin of the LiDAR and the motion in {source}"
+    ascending = {stamp: poses[stamp] for stamp in stamps}
+    return with_poses(recording, frames, ascending, {"sigma": SIGMA}, remark)
 
 
 def _is_covered(frame: SourceFrame, stamps: Sequence[int]) -> bool:

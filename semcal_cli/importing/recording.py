@@ -15,7 +15,7 @@ import numpy.typing as npt
 from semcal_cli.config.point_files import AS_USUAL, PointForm
 from semcal_cli.config.setting import settings_of
 from semcal_cli.config.synchronization import Synchronization
-from semcal_cli.errors import InputError, describe
+from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.importing.dataset_tree import need_folder
 from semcal_cli.importing.ontologies import Ontology
@@ -189,6 +189,22 @@ class Recording:
     """Time by which images are later than their stamps say, in seconds."""
     time_offset_sigma_s: float | None = None
     """Its standard deviation, in seconds; None for the default of a drive."""
+
+
+def with_poses(
+    recording: Recording,
+    frames: Sequence[SourceFrame],
+    poses: Mapping[int, Pose],
+    motion: Mapping[str, Any],
+    remark: str,
+) -> Recording:
+    """Add poses of the LiDAR to a recording, with the `motion:` block without them, and keep the frames they cover."""
+    remarks = [remark]
+    if left_out := len(recording.frames) - len(frames):
+        remarks.append(f"left out {counted(left_out, 'frame')} without poses around them")
+    return replace(
+        recording, frames=frames, poses=poses, motion=motion, remarks=(*recording.remarks, *remarks)
+    )
 
 
 def join_sequences(

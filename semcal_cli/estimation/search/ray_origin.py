@@ -43,16 +43,17 @@ class RayOrigin(NamedTuple):
     """The same seen from the origin of the points."""
 
 
-def find_ray_origin(clouds: Sequence[Points]) -> RayOrigin:
+def find_ray_origin(clouds: Sequence[Points], steps_m: Sequence[float] = STEPS_M) -> RayOrigin:
     """Find where the rays of sweeps of one LiDAR start, by descent from the origin of their points.
 
     Args:
         clouds: Points (N, 3) of each sweep, metres.
+        steps_m: Steps of the descent, metres.
     """
     sweeps = [_thinned(cloud) for cloud in clouds]
     origin_m = np.zeros(3)
     stated = best = _roughness(sweeps, origin_m)
-    for step_m in STEPS_M:
+    for step_m in steps_m:
         is_better = True
         while is_better:
             places = origin_m + step_m * np.vstack([np.eye(3), -np.eye(3)])

@@ -12,7 +12,7 @@ from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError, InputError, format_against_limit
 from semcal_cli.estimation.search.pnp import solve_pnp
 from semcal_cli.geometry.arrays import Matrix, Pose, Vector
-from semcal_cli.geometry.poses import camera_center, inverse
+from semcal_cli.geometry.poses import camera_center
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.observations.observations import Observations
 from semcal_cli.threads import thread_pool
@@ -45,7 +45,8 @@ def register(
 ) -> list[Candidate]:
     """Register label images with spherical images and solve PnP for each of the best placements (Alg. 2).
 
-    Rolls are searched around an upright LiDAR. Where the ground shows that it is not, it is also taken as upright.
+    Rolls are searched around an upright LiDAR. Where the ground shows that it is not, it is also taken as
+    upright, unless a pose is given.
 
     Args:
         observations: Labelled points and label images.
@@ -61,17 +62,20 @@ def register(
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points are not in the field of view of the drive's `lidar:` block.
     """
-    center = np.array(observations.origin_m) if around is None else camera_center(around[0])
-    candidates = _registered(
-        observations, _grid(observations), config, seed, around, _centred(np.eye(3), center)
-    )
-    upright = _upright_rotation(observations)
-    if upright is None:
-        return candidates
-    T_upright_lidar = _centred(upright, center)
-    turned = _moved(observations, _centred(upright, np.array(observations.origin_m)))
-    grid = core.estimate_grid([cloud.points for cloud in turned.clouds])
-    return [*candidates, *_registered(observations, grid, config, seed, around, T_upright_lidar)]
+    grid = _grid(observations)
+    if around is not None:  # All rolls around the given pose are searched.
+        T = _centred(np.eye(3), camera_center(around[0]))
+        return _registered(_moved(observations, T), grid, config, seed, T, around)
+    origin_m = np.array(observations.origin_m)
+    T = _centred(np.eye(3), origin_m)
+    moved = _moved(observations, T) if origin_m.any() else observations
+    candidates = _registered(moved, grid, config, seed, T)
+    if (upright := _upright_rotation(observations)) is not None:
+        T = _centred(upright, origin_m)
+        moved = _moved(observations, T)
+        grid = core.estimate_grid([cloud.points for cloud in moved.clouds])
+        candidates += _registered(moved, grid, config, seed, T)
+    return candidates
 
 
 def _upright_rotation(observations: Observations) -> Matrix | None:
@@ -105,14 +109,10 @@ def _registered(
     grid: core.Grid,
     config: InitializationConfig,
     seed: int,
-    around: tuple[Pose, float] | None,
     T_search_lidar: Pose,
+    around: tuple[Pose, float] | None = None,
 ) -> list[Candidate]:
-    """Register in a frame whose origin is where directions are measured from, as `register` describes."""
-    if not np.array_equal(T_search_lidar, np.eye(4)):
-        observations = _moved(observations, T_search_lidar)
-    if around is not None:
-        around = around[0] @ inverse(T_search_lidar), around[1]
+    """Register, as `register` describes, with points that are moved to where directions are measured from."""
     images = core.SphericalImages(observations.core, grid)
     placements = core.register(observations.core, images, config, around)
     samples = core.sample_correspondences(
