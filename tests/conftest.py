@@ -12,6 +12,7 @@ os.environ.setdefault(
     "OMP_NUM_THREADS", "1"
 )  # torch's threads wait for one another where several workers run
 
+import headless
 import numpy as np
 import pytest
 import yaml
@@ -305,26 +306,11 @@ def rig_results(rig: Path) -> tuple[Result, Path]:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[webdriver.Chrome]:
-    """Chromium without a display, as Debian's packages chromium and chromium-driver have it."""
-    driver, chromium = shutil.which("chromedriver"), shutil.which("chromium")
-    if driver is None or chromium is None:
-        if "CI" in os.environ:
-            pytest.fail("no chromium and chromedriver: install Debian's chromium-driver")
-        pytest.skip("no chromium and chromedriver on this machine")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    # Containers often run as root and without the kernel's sandbox; the page is ours.
-    for argument in (
-        "--headless=new",
-        "--no-sandbox",
-        "--enable-unsafe-swiftshader",
-        "--window-size=1280,900",
-    ):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield chrome
-    chrome.quit()
+    """A browser, which CI has to have."""
+    if headless.missing():
+        (pytest.fail if "CI" in os.environ else pytest.skip)(headless.missing())
+    with headless.chromium("--window-size=1280,900") as chrome:
+        yield chrome
 
 
 @pytest.fixture(scope="module")

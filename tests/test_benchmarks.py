@@ -4,11 +4,11 @@ import os
 import re
 import runpy
 import shlex
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import headless
 import numpy as np
 import pytest
 import yaml
@@ -126,8 +126,8 @@ def page_for(name: str, folder: Path) -> Path:
 @pytest.mark.parametrize("command", RUNS, ids=lambda command: command.split()[0])
 def test_a_script_runs_to_its_end(command: str, places: dict[str, Path], tmp_path: Path) -> None:
     script, *arguments = shlex.split(command)
-    if script == "pictures.py" and shutil.which("chromedriver") is None and "CI" not in os.environ:
-        pytest.skip("no chromedriver on this machine")
+    if script == "pictures.py" and headless.missing() and "CI" not in os.environ:
+        pytest.skip(headless.missing())
     if script == "transformers_labels.py":
         pytest.importorskip("transformers")
     if "DATA" in arguments and not TEST_DATA.is_dir():

@@ -8,19 +8,19 @@ cannot do is left out.
 
 import io
 import os
-import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
-from selenium import webdriver
+from selenium.common.exceptions import WebDriverException
+from urllib3.exceptions import HTTPError
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+import headless
 from benchmark import script
 from fleets import line, series_of, write_summary
 
@@ -37,9 +37,9 @@ OFF_DEG, OFF_M = 0.6, 0.01
 class Pictures:
     """Runs the commands in a folder, and makes images of what they print and write."""
 
-    def __init__(self, output: Path, work: Path, program: str, suffix: str, chrome: webdriver.Chrome) -> None:
+    def __init__(self, output: Path, work: Path, program: str, suffix: str) -> None:
         self.output, self.work, self.program, self.suffix = output, work, program, suffix
-        self.chrome, self.made = chrome, list[str]()
+        self.made = list[str]()
 
     def make(self, frames: int, width: int) -> None:
         """Make all images."""
@@ -89,10 +89,12 @@ class Pictures:
         asked = {"cwd": self.work, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, text=True, **asked) as served:
             assert served.stdout is not None
-            if address := served.stdout.readline().strip():
-                self.shoot("view", address, DESK)
-                self.shoot("view_phone", address, PHONE)
-            served.kill()
+            try:
+                if address := served.stdout.readline().strip():
+                    self.shoot("view", address, DESK)
+                    self.shoot("view_phone", address, PHONE)
+            finally:
+                served.kill()  # leaving the block waits for its end
 
     def page(self, name: str, path: Path) -> None:
         """Make images of a page, if there is one, on a desk and on a telephone."""
@@ -113,13 +115,11 @@ class Pictures:
 
     def shoot(self, name: str, address: str, size: tuple[int, int]) -> None:
         """Make an image of an address as a window of this size shows it."""
-        width, height = size
-        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
-        self.chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-        self.chrome.get(address)
-        time.sleep(1.0)  # points are drawn when their image is in sight
-        taken = np.frombuffer(self.chrome.get_screenshot_as_png(), np.uint8)
-        self.keep(name, cv2.imdecode(taken, cv2.IMREAD_COLOR))
+        try:
+            shot = screenshot(address, size)
+        except (WebDriverException, HTTPError):  # a browser that hangs: once more in another one
+            shot = screenshot(address, size)
+        self.keep(name, shot)
 
     def keep(self, name: str, image: np.ndarray) -> None:
         """Write an image, no wider than needed."""
@@ -131,21 +131,15 @@ class Pictures:
         self.made.append(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
-@contextmanager
-def browser() -> Iterator[webdriver.Chrome]:
-    """Start Chromium without a display."""
-    driver, chromium = shutil.which("chromedriver"), shutil.which("chromium")
-    if driver is None or chromium is None:
-        sys.exit("needs chromium and chromedriver: install Debian's chromium-driver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in ("--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--hide-scrollbars"):
-        options.add_argument(argument)
-    chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    try:
-        yield chrome
-    finally:
-        chrome.quit()
+def screenshot(address: str, size: tuple[int, int]) -> np.ndarray:
+    """What a browser of its own shows at this address."""
+    width, height = size
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    with headless.chromium("--hide-scrollbars") as chrome:
+        chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        chrome.get(address)
+        time.sleep(1.0)  # points are drawn when their image is in sight
+        return cv2.imdecode(np.frombuffer(chrome.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
 
 
 def main(
@@ -164,12 +158,13 @@ def main(
     """
     output.mkdir(parents=True, exist_ok=True)
     work.mkdir(parents=True, exist_ok=True)
-    with browser() as chrome:
-        pictures = Pictures(output, work, program, suffix, chrome)
-        if real is None:
-            pictures.make(frames, width)
-        else:
-            pictures.make_real(real)
+    if headless.missing():
+        sys.exit(headless.missing())
+    pictures = Pictures(output, work, program, suffix)
+    if real is None:
+        pictures.make(frames, width)
+    else:
+        pictures.make_real(real)
     yield from pictures.made
 
 
