@@ -132,7 +132,11 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
         (edit("camera", "K", to=[[1, 0, 0]]), "camera.K: found a list of 1, needed at least 3"),
         (edit("camera", "K", 1, to=[0, 1, 0, 0]), "camera.K[1]: found a list of 4, needed at most 3"),
         (edit("camera", "K", 1, 1, to=float("nan")), "camera.K[1][1]: found nan, needed a finite number"),
-        (edit("camera", "K", 0, 1, to=0.5), "camera.K: found skew 0.5, needed 0"),
+        (
+            edit("camera", "K", 0, 1, to=639.5),
+            "camera.K: found skew 639.5, needed at most 6.4 to either side, 1% of fx",
+        ),
+        (edit("camera", "K", 1, 0, to=0.5), "camera.K: found [1][0] 0.5, needed 0"),
         (edit("camera", "K", 2, 2, to=2), "camera.K: found last row [0.0, 0.0, 2.0], needed [0, 0, 1]"),
         (
             edit("camera", "K", 0, 0, to=-1),

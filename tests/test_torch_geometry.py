@@ -16,6 +16,7 @@ from semcal_cli.estimation.refine.torch_geometry import TorchProjection, exp_se3
 SAME_PIXEL = 1e-6
 ROUND_OFF = 1e-10
 FOCAL = (600.0, 610.0)
+SKEWED = ((600.0, 1.5, 639.5), (0.0, 610.0, 359.5), (0.0, 0.0, 1.0))
 GLOBE = (640.0 / math.pi, 640.0 / math.pi)
 
 MODELS = {
@@ -38,6 +39,8 @@ MODELS = {
         ),
     },
     "fisheye": {"model": "fisheye", "distortion": (-0.02, 0.003, -0.001, 0.0005)},
+    "fisheye, skew": {"model": "fisheye", "distortion": (-0.02, 0.003, -0.001, 0.0005), "K": SKEWED},
+    "plumb_bob, skew": {"model": "plumb_bob", "distortion": (-0.25, 0.08, 0.001, -0.002), "K": SKEWED},
     "omnidirectional": {
         "model": "omnidirectional",
         "distortion": (0.0168, 1.655, 0.0004, 0.0004),
@@ -53,7 +56,7 @@ OPENCV = ("plumb_bob", "rational_polynomial", "thin_prism", "fisheye")
 def make_camera(name: str) -> Camera:
     fx, fy = GLOBE if name == "equirectangular" else FOCAL
     K = ((fx, 0.0, 639.5), (0.0, fy, 359.5), (0.0, 0.0, 1.0))
-    return Camera(width=1280, height=720, K=K, **MODELS[name])
+    return Camera(**{"width": 1280, "height": 720, "K": K} | MODELS[name])
 
 
 @pytest.fixture(params=MODELS)
@@ -77,8 +80,12 @@ def incidence(points: np.ndarray) -> np.ndarray:
 def opencv_pixels(points: np.ndarray, camera: Camera) -> np.ndarray:
     zero, K, distortion = np.zeros(3), np.array(camera.K), np.array(camera.distortion)
     if camera.model == "fisheye":
-        return cv2.fisheye.projectPoints(points[:, None], zero, zero, K, distortion)[0][:, 0]
-    return cv2.projectPoints(points, zero, zero, K, distortion)[0][:, 0]
+        skew = K[0, 1] / K[0, 0]
+        return cv2.fisheye.projectPoints(points[:, None], zero, zero, K, distortion, alpha=skew)[0][:, 0]
+    pixels = cv2.projectPoints(points, zero, zero, K, distortion)[0][:, 0]
+    # cv2.projectPoints does not read the skew.
+    pixels[:, 0] += K[0, 1] * (pixels[:, 1] - K[1, 2]) / K[1, 1]
+    return pixels
 
 
 @pytest.mark.parametrize("name", [name for name, lens in MODELS.items() if lens["model"] in OPENCV])

@@ -79,6 +79,9 @@ class LensModel(NamedTuple):
     """Intervals of the coefficients that are angles, by index."""
 
 
+MAX_SKEW = 0.01
+"""Maximum skew, as a share of fx: pixel axes that are 0.6 degrees off a right angle. Calibrated cameras have 0.0002
+(mlcc), and any more is a K whose numbers are in another order."""
 FOCAL_PX = Interval(1e-3, 1e9)
 """Focal lengths, in pixels or in pixels per radian: beyond any lens and any image."""
 _RIGHT_ANGLE = Interval(-math.pi / 2, math.pi / 2, is_open=True)
@@ -125,9 +128,9 @@ class Camera(StrictModel):
     height: ImageSide
     """Rows of the image."""
     K: Intrinsics
-    """Intrinsic matrix in pixels, with zero skew; an integer pixel is a pixel centre. The focal lengths of an
-    equirectangular image are pixels per radian, width / (2 pi) for a full turn; its principal point is the direction of
-    the z axis."""
+    """Intrinsic matrix in pixels; an integer pixel is a pixel centre. Its skew, K[0][1], is usually 0. The focal
+    lengths of an equirectangular image are pixels per radian, width / (2 pi) for a full turn; its principal point is
+    the direction of the z axis, and it has no skew."""
     distortion: Annotated[tuple[Coefficient, ...], length(0), Field(validate_default=True)] = ()
     """Distortion coefficients in OpenCV's order; absent means none. The coefficient of fov is w, in radians."""
     parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
@@ -173,8 +176,10 @@ class Camera(StrictModel):
 
     def zoomed(self, scale: float) -> "Camera":
         """Make the same camera with its focal lengths multiplied by a factor."""
-        (fx, _, cx), (_, fy, cy), last_row = self.K
-        return self.model_copy(update={"K": ((scale * fx, 0.0, cx), (0.0, scale * fy, cy), last_row)})
+        (fx, skew, cx), (_, fy, cy), last_row = self.K
+        return self.model_copy(
+            update={"K": ((scale * fx, scale * skew, cx), (0.0, scale * fy, cy), last_row)}
+        )
 
     @field_validator("height")
     @classmethod
@@ -186,14 +191,18 @@ class Camera(StrictModel):
 
     @field_validator("K")
     @classmethod
-    def _check_intrinsics(cls, K: Intrinsics) -> Intrinsics:
+    def _check_intrinsics(cls, K: Intrinsics, info: ValidationInfo) -> Intrinsics:
         (fx, skew, _), (below, fy, _), last_row = K
         if last_row != (0.0, 0.0, 1.0):
             raise mismatch(f"last row {list(last_row)}", "[0, 0, 1]")
-        if skew != 0.0 or below != 0.0:
-            raise mismatch(f"skew {skew or below}", "0")
+        if below != 0.0:
+            raise mismatch(f"[1][0] {below}", "0")
         if fx <= 0.0 or fy <= 0.0:
             raise mismatch(f"focal lengths {fx} and {fy}", "both above 0")
+        if skew != 0.0 and info.data.get("model") == "equirectangular":
+            raise mismatch(f"skew {skew}", "0 for equirectangular")
+        if abs(skew) > MAX_SKEW * fx:
+            raise mismatch(f"skew {skew}", f"at most {MAX_SKEW * fx:g} to either side, {MAX_SKEW:.0%} of fx")
         FOCAL_PX.check("fx", fx)
         FOCAL_PX.check("fy", fy)
         return K

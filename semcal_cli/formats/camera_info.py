@@ -131,16 +131,16 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
     if camera is None:
         raise InputError(f"--to {NAME}: found no camera, needed IN to be a semcal calibration or a drive")
     check_lens(f"--to {NAME}", camera, LENS_NAMES)
-    fx, _, cx, _, fy, cy, *_ = numbers_of(camera)
+    numbers = numbers_of(camera)
     return {
         "image_width": camera.width,
         "image_height": camera.height,
         "camera_name": options.camera or CAMERA,
-        "camera_matrix": _matrix(3, numbers_of(camera)),
+        "camera_matrix": _matrix(3, numbers),
         LENS: LENS_NAMES[camera.model],
         "distortion_coefficients": _matrix(1, _coefficients(camera)),
         "rectification_matrix": _matrix(3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
-        "projection_matrix": _matrix(3, [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
+        "projection_matrix": _matrix(3, [*numbers[:3], 0.0, *numbers[3:6], 0.0, *numbers[6:], 0.0]),
     }
 
 

@@ -66,7 +66,7 @@ def _make_lens(camera: Camera) -> dict[str, Any]:
     """Make the keys of a camera's intrinsics.
 
     Raises:
-        UnnamedLensError: Kalibr has no name for the lens, or the lens has more coefficients than Kalibr's.
+        UnnamedLensError: Kalibr has no name for the lens, or K or the lens has more numbers than Kalibr's.
     """
     check_lens("--to kalibr", camera, MODELS)
     kind, lens = MODELS[camera.model]
@@ -82,7 +82,7 @@ def _make_lens(camera: Camera) -> dict[str, Any]:
         "distortion_model": lens if distortion else "none",
         "intrinsics": [
             *(camera.parameters[name] for name in CAMERA_MODELS[camera.model].parameters),
-            *pixels_of(camera),
+            *pixels_of("--to kalibr", camera),
         ],
         "resolution": [camera.width, camera.height],
     }

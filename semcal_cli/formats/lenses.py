@@ -65,9 +65,21 @@ def refuse_camera(where: object, camera: str | None) -> None:
         raise InputError(f"{where}: found one camera without a name, needed no --camera ({camera!r})")
 
 
-def pixels_of(camera: Camera) -> list[float]:
-    """List the focal lengths and the principal point, fx fy cx cy, in pixels."""
-    (fx, _, cx), (_, fy, cy), _ = camera.K
+class UnnamedLensError(InputError):
+    """A format has no name for a lens, or cannot hold all of its numbers."""
+
+
+def pixels_of(where: str, camera: Camera) -> list[float]:
+    """List the focal lengths and the principal point, fx fy cx cy, in pixels.
+
+    Raises:
+        UnnamedLensError: K has a skew, too; the message begins with `where`.
+    """
+    (fx, skew, cx), (_, fy, cy), _ = camera.K
+    if skew != 0.0:
+        raise UnnamedLensError(
+            f"{where}: found a K with skew {skew:g}, needed 0: the format has fx, fy, cx and cy"
+        )
     return [fx, fy, cx, cy]
 
 
@@ -79,10 +91,6 @@ def numbers_of(camera: Camera) -> list[float]:
 def coefficients_of(camera: Camera) -> list[float]:
     """List the distortion coefficients in OpenCV's order; zeros for a lens without distortion."""
     return list(camera.distortion) or [0.0] * MIN_COUNTS[camera.model]
-
-
-class UnnamedLensError(InputError):
-    """A format has no name for a lens, or cannot hold all of its coefficients."""
 
 
 def check_lens(where: str, camera: Camera, models: Mapping[CameraModel, object]) -> None:

@@ -14,7 +14,6 @@ from benchmark import script
 from real_data import real_drives
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.ray_origin import find_ray_origin
 from semcal_cli.geometry.arrays import Points
 from semcal_cli.observations.frame_selection import with_frames
@@ -39,10 +38,7 @@ def _sweeps(data: Path, folder: Path) -> Iterator[tuple[str, list[Points]]]:
     """Yield the first sweeps of each set of clouds, and those of KITTI object in a frame that was moved."""
     seen: set[tuple[str, ...]] = set()
     for real in real_drives(data, folder):
-        try:
-            drive = read_drive(real.path)
-        except SemcalError:  # The K of the Livox set has a skew.
-            continue
+        drive = read_drive(real.path)
         files = tuple(frame.points for frame in drive.frames)
         if files in seen:
             continue

@@ -54,7 +54,7 @@ class TorchProjection(torch.nn.Module):
     """The projection of points in the camera frame to pixels (u, v); an integer pixel is a pixel centre."""
 
     coefficients: Tensor
-    focal: Tensor
+    scale: Tensor
     center: Tensor
 
     def __init__(self, camera: Camera) -> None:
@@ -63,7 +63,7 @@ class TorchProjection(torch.nn.Module):
         self._lens = LENSES[camera.model]
         K = torch.tensor(camera.K, dtype=torch.float64)
         self.register_buffer("coefficients", torch.tensor(_coefficients(camera), dtype=torch.float64))
-        self.register_buffer("focal", K.diagonal()[:2])
+        self.register_buffer("scale", K[:2, :2].T)
         self.register_buffer("center", K[:2, 2])
 
     def forward(self, points_camera: Tensor) -> tuple[Tensor, Tensor]:
@@ -80,7 +80,7 @@ class TorchProjection(torch.nn.Module):
         distorted = self._lens(points, self.coefficients)
         if self._lens is _equirectangular:
             holds = _is_off_poles(points)
-        return self.focal * distorted + self.center, holds
+        return distorted @ self.scale + self.center, holds
 
 
 def _coefficients(camera: Camera) -> list[float]:

@@ -60,8 +60,8 @@ impl Camera {
     /// The derivative of a pixel with respect to [`Intrinsic::Radial`], pixels.
     #[inline]
     pub fn radial_slope(&self, pixel: &Point2<f64>) -> Vector2<f64> {
-        let place: Vector2<f64> = (pixel.coords - self.center).component_div(&self.focal);
-        self.focal.component_mul(&place) * place.norm_squared()
+        let place = self.distorted(pixel);
+        self.scaled(&place) * place.norm_squared()
     }
 
     /// The camera with some intrinsics changed; [`Intrinsic::Radial`] changes nothing.
@@ -87,7 +87,7 @@ impl Camera {
             return Ok(Self { focal, center, ..self.clone() });
         }
         let size = (self.width, self.height);
-        let k = [[focal.x, 0.0, center.x], [0.0, focal.y, center.y], [0.0, 0.0, 1.0]];
+        let k = [[focal.x, self.skew, center.x], [0.0, focal.y, center.y], [0.0, 0.0, 1.0]];
         Self::with_parameters(&self.model, size, k, &distortion, &parameters)
     }
 }
@@ -127,7 +127,7 @@ impl IntrinsicSlopes {
         pixel: &Point2<f64>,
         mut with: impl FnMut(usize, Vector2<f64>),
     ) {
-        let place: Vector2<f64> = (pixel.coords - camera.center).component_div(&camera.focal);
+        let place = camera.distorted(pixel);
         for (index, (intrinsic, sides)) in self.slopes.iter().enumerate() {
             let slope = match intrinsic {
                 Intrinsic::Fx => Vector2::new(place.x, 0.0),

@@ -37,6 +37,8 @@ pub struct Camera {
     /// Rows of the image.
     pub height: usize,
     focal: Vector2<f64>,
+    /// Columns by which a pixel moves for each unit of the second distorted coordinate.
+    skew: f64,
     center: Vector2<f64>,
     lens: Lens,
     /// The lens's specification: model, distortion coefficients and parameters.
@@ -70,7 +72,8 @@ impl Camera {
     /// | `double_sphere` | | xi, alpha |
     ///
     /// No coefficients are a lens without distortion, except that `fov` needs its w. Size and `K` are in pixels. The
-    /// focal lengths of an equirectangular image are pixels a radian: `width / (2 pi)` for one that goes all round.
+    /// focal lengths of an equirectangular image are pixels a radian: `width / (2 pi)` for one that goes all round. Its
+    /// `K` has no skew, since its columns are azimuths.
     pub fn with_parameters(
         model: &str,
         (width, height): (usize, usize),
@@ -84,11 +87,24 @@ impl Camera {
                 "camera: K, distortion and parameters need finite numbers and positive focal lengths".into(),
             ));
         }
+        if k[0][1] != 0.0 && model == "equirectangular" {
+            return Err(Invalid("camera: found a skew in K, needed none for equirectangular".into()));
+        }
         let focal = Vector2::new(k[0][0], k[1][1]);
         let center = Vector2::new(k[0][2], k[1][2]);
         let lens = Lens::new(model, distortion, parameters, (-0.5 - center.x) / focal.x)?;
         let (distortion, parameters) = (distortion.to_vec(), parameters.to_vec());
-        Ok(Self { width, height, focal, center, lens, model: model.into(), distortion, parameters })
+        Ok(Self {
+            width,
+            height,
+            focal,
+            skew: k[0][1],
+            center,
+            lens,
+            model: model.into(),
+            distortion,
+            parameters,
+        })
     }
 
     /// The pixel of a point (camera frame, metres); `None` where the model is not valid. The pixel may be outside
@@ -96,18 +112,31 @@ impl Camera {
     #[inline(always)]
     pub fn project(&self, point: &Vector3<f64>) -> Option<Point2<f64>> {
         let distorted = self.lens.project(point)?;
-        Some(Point2::from(self.focal.component_mul(&distorted) + self.center))
+        Some(Point2::from(self.scaled(&distorted) + self.center))
     }
 
     /// The Jacobian of the pixel of a point that projects, pixels per metre.
     #[inline]
     pub fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
-        Matrix2::from_diagonal(&self.focal) * self.lens.jacobian(point)
+        Matrix2::new(self.focal.x, self.skew, 0.0, self.focal.y) * self.lens.jacobian(point)
     }
 
     /// The unit ray (camera frame) that projects to a pixel; `None` where the lens does not reach the pixel.
     pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Vector3<f64>> {
-        self.lens.unproject(&(pixel.coords - self.center).component_div(&self.focal))
+        self.lens.unproject(&self.distorted(pixel))
+    }
+
+    /// Distorted coordinates in pixels from the principal point.
+    #[inline(always)]
+    fn scaled(&self, distorted: &Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(self.focal.x * distorted.x + self.skew * distorted.y, self.focal.y * distorted.y)
+    }
+
+    /// Distorted coordinates of a pixel.
+    #[inline]
+    fn distorted(&self, pixel: &Point2<f64>) -> Vector2<f64> {
+        let y = (pixel.y - self.center.y) / self.focal.y;
+        Vector2::new((pixel.x - self.center.x - self.skew * y) / self.focal.x, y)
     }
 
     /// The largest incidence angle, radians, at which the model is valid.

@@ -14,6 +14,12 @@ fn camera_of(focal: f64, model: &str, distortion: &[f64], parameters: &[(&str, f
     Camera::with_parameters(model, SIZE, k, distortion, &parameters).expect("a valid camera")
 }
 
+/// A camera whose pixel axes are not at a right angle.
+fn skewed(model: &str, distortion: &[f64]) -> Camera {
+    let k = [[600.0, 4.0, 639.5], [0.0, 610.0, 359.5], [0.0, 0.0, 1.0]];
+    Camera::new(model, SIZE, k, distortion).expect("a valid camera")
+}
+
 fn camera(model: &str, distortion: &[f64]) -> Camera {
     camera_of(600.0, model, distortion, &[])
 }
@@ -25,6 +31,8 @@ fn cameras() -> Vec<Camera> {
     vec![
         camera("plumb_bob", &[]),
         camera("plumb_bob", &[-0.3, 0.1, 0.001, -0.002, -0.01]),
+        skewed("plumb_bob", &[-0.3, 0.1, 0.001, -0.002, -0.01]),
+        skewed("fisheye", &[-0.02, 0.003, -0.001, 0.0]),
         camera("rational_polynomial", &RATIONAL[..8]),
         camera("thin_prism", &RATIONAL[..12]),
         camera("thin_prism", &RATIONAL),
@@ -177,6 +185,9 @@ fn what_no_model_has_is_refused() {
         let message = refusal(model, distortion, parameters);
         assert!(message.contains(complaint), "{message}");
     }
+    let skewed = [[600.0, 1.0, 639.5], K[1], K[2]];
+    let message = Camera::new("equirectangular", SIZE, skewed, &[]).expect_err("azimuths").to_string();
+    assert!(message.contains("found a skew in K"), "{message}");
 }
 
 proptest! {
