@@ -128,7 +128,7 @@ class Camera(StrictModel):
     height: ImageSide
     """Rows of the image."""
     K: Intrinsics
-    """Intrinsic matrix in pixels; an integer pixel is a pixel centre. Its skew, K[0][1], is usually 0. The focal
+    """Intrinsic matrix in pixels; an integer pixel is a pixel centre. Its skew, `K[0][1]`, is usually 0. The focal
     lengths of an equirectangular image are pixels per radian, width / (2 pi) for a full turn; its principal point is
     the direction of the z axis, and it has no skew."""
     distortion: Annotated[tuple[Coefficient, ...], length(0), Field(validate_default=True)] = ()
