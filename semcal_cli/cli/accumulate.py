@@ -1,0 +1,85 @@
+"""`semcal accumulate`: sweeps that follow one another as one dense cloud for each image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING
+
+from semcal_cli.cli.options import DriveSettings
+from semcal_cli.cli.rules import given
+from semcal_cli.cli.settings import command, option
+from semcal_cli.errors import counted
+
+if TYPE_CHECKING:
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.importing.accumulated_drive import AccumulatedDrive
+
+DEFAULT_SECONDS = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AccumulateSettings(DriveSettings):
+    """Settings of `accumulate`."""
+
+    rules = [given("--seconds").excludes("--sweeps")]
+    output: Path = option(
+        "Folder for the new drive, or its drive.yaml.", "-o", "--output", required=True, metavar="DRIVE"
+    )
+    seconds: float | None = option(
+        f"Put the sweeps of S seconds together; {DEFAULT_SECONDS:g} if neither this nor --sweeps is given.",
+        above=0.0,
+        maximum=3600.0,
+        metavar="S",
+    )
+    num_sweeps: int | None = option(
+        "Put N sweeps together.", "--sweeps", minimum=2, maximum=100_000, metavar="N"
+    )
+    force: bool = option("Replace a drive.yaml, even of other data.", default=False)
+
+
+@command(AccumulateSettings)
+def accumulate(settings: AccumulateSettings) -> None:
+    """Put sweeps of DRIVE that follow one another together: a dense cloud for each image, from a sparse LiDAR.
+
+    The frames of DRIVE are its sweeps, with an image or without. If the rig stands, sweeps stay as they are; if it
+    moves, the poses or the twist of DRIVE move them. Either way their surfaces must agree. Objects that move are left
+    out, and so are points that the LiDAR would not see from where it is at the time of the frame.
+    """
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.importing.accumulated_drive import AccumulationLength, accumulate_drive
+
+    seconds = (
+        DEFAULT_SECONDS if settings.seconds is None and settings.num_sweeps is None else settings.seconds
+    )
+    drive = read_drive(settings.drive, settings.max_points)
+    with settings.terminal() as terminal:
+        done = accumulate_drive(
+            drive,
+            AccumulationLength(seconds, settings.num_sweeps),
+            settings.output,
+            terminal.on_event,
+            force=settings.force,
+        )
+    _tell(done, terminal)
+
+
+def _tell(done: AccumulatedDrive, terminal: Terminal) -> None:
+    """Print what was written, how well the sweeps agree, what was left out, and which command comes next."""
+    from semcal_cli.cli.tables import wrapped
+    from semcal_cli.result.next_steps import after_import
+
+    sweeps, points = median(done.num_sweeps), median(done.num_points)
+    terminal.print(
+        f"wrote {done.drive.path}: {counted(len(done.num_points), 'frame')}, each of {sweeps:g} sweeps and "
+        f"{points:,.0f} points in the median"
+    )
+    terminal.print(
+        f"sweeps fit to {100.0 * done.distance_m:.1f} cm in the median; left out {done.share_moving:.1%} of the "
+        f"points as moving, {done.share_hidden:.1%} as hidden"
+    )
+    for reason, count in done.left_out.most_common():
+        for line in wrapped("note:", f"left out {counted(count, 'frame')}: {reason}", indent=6):
+            terminal.print(line)
+    terminal.print(f"next: {after_import(done.drive)}")
