@@ -120,6 +120,8 @@ def accumulate_drive(
         if not frames:
             raise accumulation.refusal()
         document = _document(drive, path) | {"frames": frames}
+        if all(cloud.stood for cloud in clouds):
+            document["motion"] = {"speed_m_s": 0.0}
         accumulated = validate(Drive, document, path)
         write(document_text(document, "yaml").encode(), path)
     accumulated._path = path
@@ -148,6 +150,8 @@ class _Cloud(NamedTuple):
     num_moving: int
     num_hidden: int
     distance_m: float
+    stood: bool
+    """Whether the rig stood still, also when the image was taken."""
 
     def files(self, name: str) -> dict[str, tuple[str, bytes]]:
         """Return the names and the contents of its files, by their keys in a drive.yaml."""
@@ -160,6 +164,7 @@ class _Cloud(NamedTuple):
 class _Sweep(NamedTuple):
     """A sweep in the frame of another."""
 
+    frame: Frame
     cloud: SweepCloud
     points: Points
     """(N, 3) metres, in the LiDAR frame at the other's stamp."""
@@ -338,7 +343,7 @@ class _Accumulation:
         origin_m = np.asarray((0.0, 0.0, 0.0) if lidar is None else lidar.origin_m, np.float64)
         motion = self._motion
         if motion is None:
-            return _Sweep(cloud, cloud.points, origin_m, 0.0)
+            return _Sweep(frame, cloud, cloud.points, origin_m, 0.0)
         start_s, end_s = _stamp_s(frame), _stamp_s(key)
         told = checked_times(self.drive, frame, cloud, motion.point_times)
         times_s = np.full(len(cloud.points), start_s)
@@ -356,7 +361,7 @@ class _Accumulation:
         except ValueError as error:
             file = self.drive.resolve(motion.poses or "")
             raise _MisfitError(f"{file}: {error}, needed poses before and after {frame.points}") from None
-        return _Sweep(cloud, points, T[:3, :3] @ origin_m + T[:3, 3], 0.0)
+        return _Sweep(frame, cloud, points, T[:3, :3] @ origin_m + T[:3, 3], 0.0)
 
     def _merged(self, key: Frame, sweeps: Sequence[_Sweep]) -> _Cloud:
         """Put sweeps together, without what moves, and without what the key's own origin does not see."""
@@ -388,6 +393,19 @@ class _Accumulation:
             num_moving,
             num_read - num_moving - len(rows),
             float(np.median([sweep.distance_m for sweep in sweeps])),
+            self._motion is None and self._covers(key, sweeps),
+        )
+
+    def _covers(self, key: Frame, sweeps: Sequence[_Sweep]) -> bool:
+        """Return whether an image was taken between the first and the last sweep, or with its own if stamps lack."""
+        stamps_s = [sweep.frame.points_stamp for sweep in sweeps]
+        known_s = [stamp_s for stamp_s in stamps_s if stamp_s is not None]
+        if key.image_stamp is None or len(known_s) < len(stamps_s):
+            return True
+        return (
+            min(known_s)
+            <= key.image_stamp + self.drive.time_offset_s
+            <= max(known_s) + (self.drive.sweep_gap_s or 0.0)
         )
 
 
