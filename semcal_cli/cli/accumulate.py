@@ -13,7 +13,6 @@ from semcal_cli.cli.settings import command, option
 from semcal_cli.errors import counted
 
 if TYPE_CHECKING:
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.importing.accumulated_drive import AccumulatedDrive
 
 DEFAULT_SECONDS = 1.0
@@ -54,32 +53,26 @@ def accumulate(settings: AccumulateSettings) -> None:
         DEFAULT_SECONDS if settings.seconds is None and settings.num_sweeps is None else settings.seconds
     )
     drive = read_drive(settings.drive, settings.max_points)
+    length = AccumulationLength(seconds, settings.num_sweeps)
     with settings.terminal() as terminal:
-        done = accumulate_drive(
-            drive,
-            AccumulationLength(seconds, settings.num_sweeps),
-            settings.output,
-            terminal.on_event,
-            force=settings.force,
-        )
-    _tell(done, terminal)
+        done = accumulate_drive(drive, length, settings.output, terminal.on_event, force=settings.force)
+    terminal.print(*describe_accumulation(done))
 
 
-def _tell(done: AccumulatedDrive, terminal: Terminal) -> None:
-    """Print what was written, how well the sweeps agree, what was left out, and which command comes next."""
+def describe_accumulation(done: AccumulatedDrive) -> list[str]:
+    """Describe what was written, how well the sweeps fit, what was left out, and which command comes next."""
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.result.next_steps import after_import
 
     sweeps, points = median(done.num_sweeps), median(done.num_points)
-    terminal.print(
+    reasons = [
+        f"left out {counted(count, 'frame')}: {reason}" for reason, count in done.left_out.most_common()
+    ]
+    return [
         f"wrote {done.drive.path}: {counted(len(done.num_points), 'frame')}, each of {sweeps:g} sweeps and "
-        f"{points:,.0f} points in the median"
-    )
-    terminal.print(
-        f"sweeps fit to {100.0 * done.distance_m:.1f} cm in the median; left out {done.share_moving:.1%} of the "
-        f"points as moving, {done.share_hidden:.1%} as hidden"
-    )
-    for reason, count in done.left_out.most_common():
-        for line in wrapped("note:", f"left out {counted(count, 'frame')}: {reason}", indent=6):
-            terminal.print(line)
-    terminal.print(f"next: {after_import(done.drive)}")
+        f"{points:,.0f} points in the median",
+        f"sweeps fit to {100.0 * done.distance_m:.1f} cm in the median; left out {done.share_moving:.1%} of the points "
+        f"as moving, {done.share_hidden:.1%} as hidden",
+        *(line for reason in reasons for line in wrapped("note:", reason, indent=6)),
+        f"next: {after_import(done.drive)}",
+    ]

@@ -26,9 +26,13 @@ from semcal_cli.errors import check_installed, counted, printable
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
 
 if TYPE_CHECKING:
+    from semcal_cli.importing.accumulated_drive import AccumulationLength
+    from semcal_cli.importing.bags.bag_import import ImportedDrive
     from semcal_cli.importing.drive_folder import WrittenDrive
     from semcal_cli.importing.recording import Recording
 
+MAX_ACCUMULATED, MAX_ACCUMULATED_S = 100_000, 3600.0
+"""Largest numbers of sweeps and of seconds that become one cloud."""
 MAX_REASONS = 10
 """Largest number of printed reasons for leaving something out."""
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
@@ -137,7 +141,7 @@ class ImportSettings(QuietSettings):
     )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
-    def write(self, recording: Recording, **others: Any) -> None:
+    def write(self, recording: Recording, output: Path | None = None, **others: Any) -> WrittenDrive:
         """Write the drive, and say what was written; `others` are options that have another meaning here."""
         if self.odometry:
             check_installed("--odometry", "kiss_icp", "odometry")
@@ -145,10 +149,26 @@ class ImportSettings(QuietSettings):
         from semcal_cli.importing.drive_folder import write_drive
 
         options = made_of(Options, self, frames=self.frames or slice(None), **others)
-        written = write_drive(recording, options, self.output, force=self.force)
+        written = write_drive(recording, options, output or self.output, force=self.force)
         if not self.quiet:
             copies = f", {counted(written.num_converted, 'cloud')} converted" if written.num_converted else ""
             _tell(written, copies)
+        return written
+
+
+def _accumulate(
+    written: WrittenDrive, settings: BagSettings | FolderSettings, length: AccumulationLength
+) -> None:
+    """Write the accumulated drive of a drive of all sweeps, and say what was written."""
+    from semcal_cli.cli.accumulate import describe_accumulation
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.importing.accumulated_drive import accumulate_drive
+
+    assert settings.output is not None
+    drive = read_drive(written.path)
+    with settings.terminal() as terminal:
+        done = accumulate_drive(drive, length, settings.output, terminal.on_event, force=settings.force)
+    terminal.print(*describe_accumulation(done))
 
 
 def _tell(written: WrittenDrive, details: str, lines: tuple[str, ...] = ()) -> None:
@@ -248,6 +268,7 @@ class BagSettings(QuietSettings):
         one_of("-o", "--list"),
         given("--intrinsics").excludes("--camera-info"),
         given("--motion-frame").excludes("--motion none"),
+        given("--accumulate").excludes("--list"),
     ]
     paths: tuple[Path, ...] = argument(metavar="PATH...")
     output: Path | None = option(
@@ -310,6 +331,13 @@ class BagSettings(QuietSettings):
         "with the estimate; --motion none ignores all topics.",
         default=False,
     )
+    accumulate: float | None = option(
+        "Make a dense cloud for each image of the sweeps of SECONDS around it, as `semcal accumulate` does; the sweeps "
+        "are kept in the folder sweeps beside it.",
+        above=0.0,
+        maximum=MAX_ACCUMULATED_S,
+        metavar="SECONDS",
+    )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
 
@@ -333,16 +361,30 @@ def bag(settings: BagSettings) -> None:
         _list(settings.paths)
         return
     from semcal_cli.drive.lidar import Spin
+    from semcal_cli.importing.accumulated_drive import AccumulationLength, sweeps_drive
     from semcal_cli.importing.bags.bag_import import import_bag
     from semcal_cli.importing.bags.topics import BagRequest
 
     spin = None if settings.spin is None else Spin(**settings.spin)
-    request = made_of(BagRequest, settings, by_receipt=settings.stamps == "receive", spin=spin)
+    request = made_of(
+        BagRequest,
+        settings,
+        by_receipt=settings.stamps == "receive",
+        spin=spin,
+        around_s=settings.accumulate,
+    )
     assert settings.output is not None  # by a rule
+    output = settings.output if settings.accumulate is None else sweeps_drive(settings.output)
     with settings.terminal() as terminal:
-        done = import_bag(request, settings.output, terminal.on_event, force=settings.force)
-    if settings.quiet:
-        return
+        done = import_bag(request, output, terminal.on_event, force=settings.force)
+    if not settings.quiet:
+        _tell_import(done)
+    if settings.accumulate is not None:
+        _accumulate(done.written, settings, AccumulationLength(settings.accumulate, None))
+
+
+def _tell_import(done: ImportedDrive) -> None:
+    """Print what was made of a recording, and what was left out."""
     rows = done.left_out.most_common()
     left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
     if others := sum(count for _, count in rows[MAX_REASONS:]):
@@ -409,6 +451,7 @@ class FolderSettings(ImportSettings):
     rules = [
         given("--image-classes").requires("--image-labels"),
         given("--point-type").requires("--point-columns"),
+        given("--accumulate").excludes("--frames", "--max-frames", "--spread"),
     ]
     points: str = option("Point clouds, such as 'clouds/*.pcd'.", required=True, metavar="GLOB")
     point_labels: str | None = option(
@@ -445,6 +488,13 @@ class FolderSettings(ImportSettings):
         type=TimeUnit(),
         metavar="s|ms|us|ns|S",
     )
+    accumulate: int | None = option(
+        "Make a dense cloud for each image of the N sweeps around it, as `semcal accumulate` does; clouds without an "
+        "image count.",
+        minimum=2,
+        maximum=MAX_ACCUMULATED,
+        metavar="N",
+    )
 
 
 @import_.command(
@@ -470,4 +520,12 @@ def folder(settings: FolderSettings) -> None:
     from semcal_cli.importing.folder import Folder, read
 
     # The labels are found by their patterns, and are part of the recording.
-    settings.write(read(made_of(Folder, settings)), image_labels=None, point_labels=None)
+    labels = {"image_labels": None, "point_labels": None}
+    if settings.accumulate is None:
+        settings.write(read(made_of(Folder, settings)), **labels)
+        return
+    from semcal_cli.importing.accumulated_drive import AccumulationLength, sweeps_drive
+
+    recording = read(made_of(Folder, settings, keeps_all=True))
+    written = settings.write(recording, sweeps_drive(settings.output), keeps_all=True, **labels)
+    _accumulate(written, settings, AccumulationLength(None, settings.accumulate))

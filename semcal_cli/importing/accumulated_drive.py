@@ -44,7 +44,7 @@ MIN_SHARE_NEAR = 0.5
 """Smallest share of the points, along any direction, that lie near the surfaces of the sweep with the image."""
 
 
-NEEDED_MOTION = "needed the motion, which `semcal odometry` estimates"
+NEEDED_MOTION = "needed the motion: `semcal odometry` estimates it, or --odometry at import"
 OF_POINTS = ("point_labels", "point_features")
 """Keys of a frame's files that have a row for each point of its sweep."""
 OF_SWEEPS = {"frames", "lidar", "point_columns", "point_type", "time_unit"}
@@ -58,6 +58,12 @@ class AccumulationLength(NamedTuple):
     """Time from the first sweep to the last, in seconds."""
     num_sweeps: int | None
     """Number of sweeps."""
+
+
+def sweeps_drive(out: Path) -> Path:
+    """Locate the drive of all sweeps, from which an import makes an accumulated one at `out`."""
+    path = output_drive_file(out)
+    return path.parent / "sweeps" / path.name
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,7 @@ def accumulate_drive(
     frames, clouds = list[dict[str, Any]](), list[_Cloud]()
     with remove_if_refused() as write:
         for frame, cloud in accumulation.clouds():
-            files = cloud.files(f"{len(frames):06d}")
+            files = cloud.files(f"{path.stem}/{len(frames):06d}")
             for name, content in files.values():
                 if os.path.realpath(path.parent / name) in inputs:
                     raise InputError(f"{path.parent / name}: found a file of the drive, needed another -o")

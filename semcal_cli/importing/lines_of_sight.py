@@ -56,10 +56,10 @@ def are_seen(points: Points, origin: Vector) -> Mask:
 
 
 def _count(rays: Points, points: Points, origin: Vector) -> Array:
-    origin = origin.astype(np.float32)
+    start: Points = origin.astype(np.float32)
     return core.count_beside(
-        rays - origin,
-        points - origin,
+        rays - start,
+        points - start,
         angle=BESIDE_RAD,
         max_rays=NUM_RAYS_BESIDE,
         same_m=SAME_RANGE_M,

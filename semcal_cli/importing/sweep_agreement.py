@@ -45,12 +45,12 @@ class Surfaces:
 
     def __init__(self, points: Points) -> None:
         """Find the surfaces among points (N, 3), metres, as seen from the origin."""
-        points = _within_reach(points).astype(np.float64)
-        self.fix_a_position = bool(constraint_shares(points)[0][0] >= MIN_SHARE)
+        near: Vectors = _within_reach(points).astype(np.float64)
+        self.fix_a_position = bool(constraint_shares(near)[0][0] >= MIN_SHARE)
         """Whether surfaces face all directions. Between endless smooth walls nothing shows a motion along them."""
-        cells, cell, counts = np.unique(_cells_of(points), return_inverse=True, return_counts=True)
-        means = _sums(cell, points) / counts[:, None]
-        apart = points - means[cell]
+        cells, cell, counts = np.unique(_cells_of(near), return_inverse=True, return_counts=True)
+        means = _sums(cell, near) / counts[:, None]
+        apart = near - means[cell]
         products = _sums(cell, np.einsum("ni,nj->nij", apart, apart).reshape(-1, 9)).reshape(-1, 3, 3)
         variances, axes = np.linalg.eigh(products / counts[:, None, None])
         is_full = counts >= MIN_CELL_POINTS
@@ -119,7 +119,8 @@ class _Met(NamedTuple):
 
 def _within_reach(points: Points) -> Points:
     ranges_m = np.linalg.norm(points, axis=1)
-    return points[(ranges_m > RANGES_M[0]) & (ranges_m < RANGES_M[1])]
+    within: Points = points[(ranges_m > RANGES_M[0]) & (ranges_m < RANGES_M[1])]
+    return within
 
 
 def _cells_of(points: Vectors) -> Array:

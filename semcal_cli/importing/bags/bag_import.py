@@ -33,9 +33,15 @@ from semcal_cli.importing.bags.candidates import (
 from semcal_cli.importing.bags.image_messages import image_file, looks_like_mosaic
 from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
-from semcal_cli.importing.bags.recorded_frames import WrittenFrame, image_folder, write_frames, write_motion
+from semcal_cli.importing.bags.recorded_frames import (
+    WrittenFrame,
+    image_folder,
+    write_frames,
+    write_motion,
+    write_sweep,
+)
 from semcal_cli.importing.bags.recorded_motion import Trajectory, find_motion, read_frames
-from semcal_cli.importing.bags.stamped_pairs import Pairing
+from semcal_cli.importing.bags.stamped_pairs import PATIENCE_NS, Pairing
 from semcal_cli.importing.bags.topics import BagRequest, choose_topics
 from semcal_cli.importing.bags.transforms import reference
 from semcal_cli.importing.bags.video import Video
@@ -43,7 +49,7 @@ from semcal_cli.importing.choice import Options
 from semcal_cli.importing.drive_folder import WrittenDrive, check_may_replace, write_drive
 from semcal_cli.importing.motion_agreement import compare_motions
 from semcal_cli.importing.recording import Recording
-from semcal_cli.importing.sweep_odometry import DOUBTFUL_NS, Odometry
+from semcal_cli.importing.sweep_odometry import DOUBTFUL_NS, MAX_GAP_NS, Odometry
 
 AROUND_NS = NS
 """Odometry uses sweeps from this long before the first wanted time to this long after the last, too."""
@@ -167,6 +173,8 @@ class _Import:
         self.remarks += list(
             dict.fromkeys(frame.times.remark for frame in written_frames if frame.times.remark)
         )
+        if request.around_s is not None:
+            written_frames = self._with_sweeps_around(written_frames, request.around_s)
         motion, frames = None, [frame.source for frame in written_frames]
         if self.trajectory is not None:
             motion, frames, remark = write_motion(self.trajectory, written_frames, self.path, self.write)
@@ -188,6 +196,32 @@ class _Import:
         )
         written = write_drive(recording, Options(), self.path, force=True)
         return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out)
+
+    def _with_sweeps_around(self, written: Sequence[WrittenFrame], around_s: float) -> list[WrittenFrame]:
+        """Add all sweeps within half of a time from each frame, in order of time, and read the poses around them."""
+        stamps_ns = {round((frame.source.points_stamp or 0.0) * NS): frame for frame in written}
+        half_ns, done_ns = round(0.5 * around_s * NS), 0
+        for number, middle_ns in enumerate(sorted(stamps_ns), start=1):
+            self.on_event(Progress(f"reading the sweeps around {number:,} of {len(written):,} frames"))
+            # Messages are found by when they were received, up to a second later than their stamps say.
+            start_ns = max(middle_ns - half_ns - MAX_GAP_NS, done_ns)
+            done_ns = middle_ns + half_ns + PATIENCE_NS
+            poses = self._poses_topic
+            topics = [self.topics.points] if poses is None else [self.topics.points, poses]
+            for message in self.bag.messages(topics, start_ns, done_ns):
+                if self.trajectory is not None and message.topic == poses:
+                    self.trajectory.take(message, self.request.by_receipt)
+                    continue
+                with suppress(MessageError):
+                    stamp_ns = message.received_ns if self.request.by_receipt else message.header_ns
+                    is_right = _frame_of(message) == self.frame_ids[self.topics.points]
+                    if is_right and stamp_ns not in stamps_ns and abs(stamp_ns - middle_ns) <= half_ns:
+                        stamps_ns[stamp_ns] = write_sweep(
+                            message, stamp_ns, self.topics, self.path.parent, self.write, self.request.spin
+                        )
+        between = "sweeps: between the times that were read"
+        self.left_out[between] -= min(self.left_out[between], len(stamps_ns) - len(written))
+        return [stamps_ns[stamp_ns] for stamp_ns in sorted(stamps_ns)]
 
     def _check_output(self) -> None:
         """Check, before the work begins, that the drive.yaml replaces no file that is read."""

@@ -18,7 +18,7 @@ from semcal_cli.events import Listener, Progress
 from semcal_cli.formats.camera_block import resized
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import Bayer, image_file
-from semcal_cli.importing.bags.messages import NS, MessageError
+from semcal_cli.importing.bags.messages import NS, Message, MessageError
 from semcal_cli.importing.bags.point_messages import PointTimes, read_sweep
 from semcal_cli.importing.bags.recorded_motion import Trajectory
 from semcal_cli.importing.bags.topics import Topics
@@ -41,11 +41,10 @@ class WrittenFrame(NamedTuple):
 
     @property
     def moments_ns(self) -> list[int]:
-        """The times at which poses are needed: of the image, and of the first and the last point."""
-        points_s, image_s = self.source.points_stamp or 0.0, self.source.image_stamp or 0.0
-        return [
-            round(moment_s * NS) for moment_s in (image_s, *(points_s + end_s for end_s in self.times.ends_s))
-        ]
+        """The times at which poses are needed: of the image, if any, and of the first and the last point."""
+        points_s, image_s = self.source.points_stamp or 0.0, self.source.image_stamp
+        ends_s = [points_s + end_s for end_s in self.times.ends_s]
+        return [round(moment_s * NS) for moment_s in (points_s if image_s is None else image_s, *ends_s)]
 
 
 def write_frames(
@@ -155,13 +154,36 @@ def _write_frame(
         raise MessageError(
             f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state{advice}"
         )
-    points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
+    points = _sweep_file(folder, topics, pair.sweep_ns)
     image = image_folder(folder, topics) / f"{seconds_text(pair.image_ns)}{file.suffix}"
     write(sweep.pcd(), points)
     write(file.content, image)
     stamps = pair.sweep_ns / NS, pair.image_ns / NS
     frame = SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
     return WrittenFrame(frame, sweep.times)
+
+
+def write_sweep(
+    message: Message,
+    stamp_ns: int,
+    topics: Topics,
+    folder: Path,
+    write: Callable[[bytes, Path], None],
+    spin: Spin | None,
+) -> WrittenFrame:
+    """Write a sweep without an image.
+
+    Raises:
+        MessageError: the message is damaged.
+        InputError: the file cannot be written.
+    """
+    sweep, points = read_sweep(message, stamp_ns, spin), _sweep_file(folder, topics, stamp_ns)
+    write(sweep.pcd(), points)
+    return WrittenFrame(SourceFrame(points.stem, points, points_stamp=stamp_ns / NS), sweep.times)
+
+
+def _sweep_file(folder: Path, topics: Topics, stamp_ns: int) -> Path:
+    return folder / "points" / _slug(topics.points.name) / f"{seconds_text(stamp_ns)}.pcd"
 
 
 def image_folder(folder: Path, topics: Topics) -> Path:
