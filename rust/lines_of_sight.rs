@@ -1,7 +1,7 @@
 //! Lines of sight: where the rays of a LiDAR end beside points, before them, at them or beyond them.
 //!
-//! A ray that passes beyond a point shows that nothing was there when it was fired. A ray that ends before a point may
-//! hide it.
+//! A ray that passes beyond a point shows that nothing was there when it was fired. Rays that end before a point on all
+//! sides of it hide it. A straight border that passes beside a point leaves one of its four quadrants free.
 
 use std::cmp::Ordering;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -28,10 +28,11 @@ pub struct Beside {
     pub same_share: f64,
 }
 
-/// Counts the rays beside each point that end before it, at it and beyond it.
+/// Counts the rays beside each point that end before it, at it and beyond it, and its quadrants in which rays end before
+/// it.
 ///
 /// Rays and points are vectors from one origin, metres. Those without a direction count for nothing.
-pub fn count_beside(rays: &[[f32; 3]], points: &[[f32; 3]], beside: &Beside) -> Vec<[u16; 3]> {
+pub fn count_beside(rays: &[[f32; 3]], points: &[[f32; 3]], beside: &Beside) -> Vec<[u16; 4]> {
     let grid = Grid::of(rays, beside.angle);
     points
         .par_iter()
@@ -51,6 +52,14 @@ impl Ray {
         let range = point.norm();
         (range.is_finite() && range > 0.0).then(|| Self { direction: point / range, range })
     }
+}
+
+/// A ray beside a point.
+struct Near {
+    /// Squared chord from the direction of the point.
+    apart2: f64,
+    range: f64,
+    direction: Vector3<f64>,
 }
 
 /// Rays by the cells of their directions, in rows of one elevation whose cells are at least as wide as they are high.
@@ -106,32 +115,39 @@ impl Grid {
     }
 
     /// Counts the nearest rays beside a point by where they end; `near` is memory to use again.
-    fn count(&self, point: &Vector3<f64>, beside: &Beside, near: &mut Vec<(f64, f64)>) -> [u16; 3] {
+    fn count(&self, point: &Vector3<f64>, beside: &Beside, near: &mut Vec<Near>) -> [u16; 4] {
         near.clear();
-        let Some(Ray { direction, range }) = Ray::of(point) else { return [0; 3] };
+        let Some(Ray { direction, range }) = Ray::of(point) else { return [0; 4] };
         // A chord is exact where the cosine of a small angle is not.
         let chord2 = (2.0 * (0.5 * beside.angle).sin()).powi(2);
         for cell in self.cells_beside(&direction, beside.angle) {
             for ray in &self.rays[self.cells[cell]..self.cells[cell + 1]] {
                 let apart2 = (ray.direction - direction).norm_squared();
                 if apart2 <= chord2 {
-                    near.push((apart2, ray.range));
+                    near.push(Near { apart2, range: ray.range, direction: ray.direction });
                 }
             }
         }
         if near.len() > beside.max_rays {
-            let by_angle = |a: &(f64, f64), b: &(f64, f64)| {
-                a.partial_cmp(b).unwrap_or(Ordering::Equal)
+            let by_angle = |a: &Near, b: &Near| {
+                let order = a.apart2.partial_cmp(&b.apart2).unwrap_or(Ordering::Equal);
+                order.then(a.range.partial_cmp(&b.range).unwrap_or(Ordering::Equal))
             };
             near.select_nth_unstable_by(beside.max_rays, by_angle);
             near.truncate(beside.max_rays);
         }
         let same_m = beside.same_m + beside.same_share * range;
-        let mut counts = [0u16; 3];
-        for (_, of_ray) in near.iter() {
-            let end = if of_ray - range > same_m { 2 } else { usize::from(range - of_ray <= same_m) };
+        let (mut counts, mut quadrants) = ([0u16; 4], 0u8);
+        for ray in near.iter() {
+            let end = if ray.range - range > same_m { 2 } else { usize::from(range - ray.range <= same_m) };
             counts[end] = counts[end].saturating_add(1);
+            if end == 0 {
+                let is_left = direction.x * ray.direction.y > direction.y * ray.direction.x;
+                let is_above = ray.direction.z > direction.z;
+                quadrants |= 1 << (2 * u8::from(is_left) + u8::from(is_above));
+            }
         }
+        counts[3] = quadrants.count_ones() as u16;
         counts
     }
 
@@ -185,7 +201,7 @@ mod tests {
             for (i, ray) in rays.iter().enumerate() {
                 expected[i % 3] += u16::from(ray.angle(direction) <= BESIDE.angle);
             }
-            assert_eq!(counts, expected);
+            assert_eq!(counts[..3], expected);
         }
     }
 
@@ -194,10 +210,23 @@ mod tests {
         let rays = [0.001, 0.002, 0.003].map(|azimuth| from_angles(azimuth, 0.0));
         let rays = points(&rays, |i| [10.0, 20.0, 5.0][i]);
         let two = Beside { max_rays: 2, ..BESIDE };
-        assert_eq!(count_beside(&rays, &[[10.0, 0.0, 0.0], [0.0; 3], [f32::NAN; 3]], &two), [
-            [0, 1, 1],
-            [0; 3],
-            [0; 3]
-        ]);
+        assert_eq!(
+            count_beside(&rays, &[[10.0, 0.0, 0.0], [0.0; 3], [f32::NAN; 3]], &two),
+            [[0, 1, 1, 0], [0; 4], [0; 4]]
+        );
+    }
+
+    #[test]
+    fn a_straight_border_leaves_a_quadrant_free() {
+        let rays = sphere(200_000);
+        let tilted = Vector3::new(0.1, 1.0, 0.7);
+        let wall: Vec<_> = rays.into_iter().filter(|ray| ray.dot(&tilted) > 0.0).collect();
+        let wall = points(&wall, |_| 5.0);
+        let behind = |azimuth: f64| points(&[from_angles(azimuth, 0.3)], |_| 10.0);
+        let quadrants = |azimuth: f64| count_beside(&wall, &behind(azimuth), &BESIDE)[0][3];
+        let border = -(0.7 * 0.3_f64.tan() / 1.01_f64.sqrt()).asin() - 0.1_f64.atan();
+        assert_eq!(quadrants(border + 0.01), 4);
+        assert!((1..4).contains(&quadrants(border - 0.001)));
+        assert_eq!(quadrants(border - 0.05), 0);
     }
 }

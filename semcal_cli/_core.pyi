@@ -673,13 +673,13 @@ def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[
 def count_beside(
     rays: _Float32, points: _Float32, angle: float, max_rays: int, same_m: float, same_share: float
 ) -> NDArray[np.uint16]:
-    """Count the rays beside each point (N, 3) that end before it, at it and beyond it.
+    """Count the rays beside each point (N, 3) that end before it, at it and beyond it, and where some end before it.
 
     Rays (M, 3) and points are vectors from one origin, metres. The `max_rays` nearest rays within `angle`, radians, are
     compared. Ranges are the same if they differ by at most `same_m` and `same_share` of the point's range together.
 
     Returns:
-        (N, 3) numbers of rays.
+        (N, 4) three numbers of rays, and the number of the point's four quadrants in which rays end before it.
     """
 
 def steps_at_label_borders(

@@ -32,7 +32,7 @@ RAYS = 32
 """Rays that are fired together: a sweep has so many times the columns."""
 FIRST_S = 100.0
 """Stamp of the first sweep."""
-RECORD = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")]
+RECORD = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f4")]
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,15 @@ class Timed(NamedTuple):
     """(N,) seconds after its start."""
     labels: npt.NDArray[np.uint32]
     """(N,)."""
+    intensity: npt.NDArray[np.float32]
+    """(N,) in [0, 1]."""
 
     def records(self) -> npt.NDArray[np.void]:
-        """Records (1, N) of coordinates and times."""
+        """Records (1, N) of coordinates, intensities and times."""
         found = np.zeros((1, len(self.points)), RECORD)
         for axis, name in enumerate("xyz"):
             found[name] = self.points[:, axis]
-        found["time"] = self.times_s
+        found["time"], found["intensity"] = self.times_s, self.intensity
         return found
 
 
@@ -136,7 +138,8 @@ class MovingStreet:
         """Cut out the sweep of a number, which starts at `stamp_s` of it."""
         times_s = self._times_s - index * SWEEP_S
         is_in = (times_s >= 0.0) & (times_s < SWEEP_S)
-        return Timed(self._whole.points[is_in, :3], times_s[is_in], self._whole.point_labels[is_in])
+        points = self._whole.points[is_in]
+        return Timed(points[:, :3], times_s[is_in], self._whole.point_labels[is_in], points[:, 3])
 
     def image(self, stamp_s: float) -> core.RenderedFrame:
         """Render the image whose reading begins at a time, with its labels."""
