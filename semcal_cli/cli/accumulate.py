@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from semcal_cli.cli.options import DriveSettings
+from semcal_cli.cli.options import DriveSettings, QuietSettings
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import command, option
 from semcal_cli.errors import counted
 
 if TYPE_CHECKING:
-    from semcal_cli.importing.accumulated_drive import AccumulatedDrive
+    from semcal_cli.drive.document import Drive
 
 DEFAULT_SECONDS = 1.0
 
@@ -47,32 +47,43 @@ def accumulate(settings: AccumulateSettings) -> None:
     out, and so are points that the LiDAR would not see from where it is at the time of the frame.
     """
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.importing.accumulated_drive import AccumulationLength, accumulate_drive
 
-    seconds = (
-        DEFAULT_SECONDS if settings.seconds is None and settings.num_sweeps is None else settings.seconds
+    is_default = settings.seconds is None and settings.num_sweeps is None
+    accumulate_into(
+        settings.output,
+        read_drive(settings.drive, settings.max_points),
+        settings,
+        seconds=DEFAULT_SECONDS if is_default else settings.seconds,
+        num_sweeps=settings.num_sweeps,
+        force=settings.force,
     )
-    drive = read_drive(settings.drive, settings.max_points)
-    length = AccumulationLength(seconds, settings.num_sweeps)
-    with settings.terminal() as terminal:
-        done = accumulate_drive(drive, length, settings.output, terminal.on_event, force=settings.force)
-    terminal.print(*describe_accumulation(done))
 
 
-def describe_accumulation(done: AccumulatedDrive) -> list[str]:
-    """Describe what was written, how well the sweeps fit, what was left out, and which command comes next."""
+def accumulate_into(
+    output: Path, drive: Drive, settings: QuietSettings, *, force: bool, **length: Any
+) -> None:
+    """Write the accumulated drive of a drive, and print how well its sweeps fit, and which command comes next.
+
+    Args:
+        output: Folder of the new drive, or its drive.yaml.
+        drive: The drive of all sweeps.
+        settings: What to print.
+        force: Whether a drive.yaml of other data is replaced.
+        length: How many sweeps become one cloud: see `accumulate_drive`.
+    """
     from semcal_cli.cli.tables import wrapped
+    from semcal_cli.importing.accumulated_drive import accumulate_drive
     from semcal_cli.result.next_steps import after_import
 
+    with settings.terminal() as terminal:
+        done = accumulate_drive(drive, output, terminal.on_event, force=force, **length)
     sweeps, points = median(done.num_sweeps), median(done.num_points)
-    reasons = [
-        f"left out {counted(count, 'frame')}: {reason}" for reason, count in done.left_out.most_common()
-    ]
-    return [
-        f"wrote {done.drive.path}: {counted(len(done.num_points), 'frame')}, each of {sweeps:g} sweeps and "
-        f"{points:,.0f} points in the median",
+    frames = counted(len(done.num_points), "frame")
+    terminal.print(
+        f"wrote {done.drive.path}: {frames}, each of {sweeps:g} sweeps and {points:,.0f} points in the median",
         f"sweeps fit to {100.0 * done.distance_m:.1f} cm in the median; left out {done.share_moving:.1%} of the points "
         f"as moving, {done.share_hidden:.1%} as hidden",
-        *(line for reason in reasons for line in wrapped("note:", reason, indent=6)),
-        f"next: {after_import(done.drive)}",
-    ]
+    )
+    for reason, count in done.left_out.most_common():
+        terminal.print(*wrapped("note:", f"left out {counted(count, 'frame')}: {reason}", indent=6))
+    terminal.print(f"next: {after_import(done.drive)}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 
+from semcal_cli.cli.accumulate import accumulate_into
 from semcal_cli.cli.options import FrameSlice, QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
@@ -26,8 +27,6 @@ from semcal_cli.errors import check_installed, counted, printable
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
 
 if TYPE_CHECKING:
-    from semcal_cli.importing.accumulated_drive import AccumulationLength
-    from semcal_cli.importing.bags.bag_import import ImportedDrive
     from semcal_cli.importing.drive_folder import WrittenDrive
     from semcal_cli.importing.recording import Recording
 
@@ -141,44 +140,41 @@ class ImportSettings(QuietSettings):
     )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
-    def write(self, recording: Recording, output: Path | None = None, **others: Any) -> WrittenDrive:
-        """Write the drive, and say what was written; `others` are options that have another meaning here."""
+    def write(self, recording: Recording, sweeps: Path | None = None, **others: Any) -> WrittenDrive:
+        """Write the drive, and say what was written; `others` are options that have another meaning here.
+
+        With `sweeps`, this drive is the one of all sweeps, of which an accumulated one is made.
+        """
         if self.odometry:
             check_installed("--odometry", "kiss_icp", "odometry")
         from semcal_cli.importing.choice import Options
         from semcal_cli.importing.drive_folder import write_drive
 
         options = made_of(Options, self, frames=self.frames or slice(None), **others)
-        written = write_drive(recording, options, output or self.output, force=self.force)
+        written = write_drive(recording, options, sweeps or self.output, force=self.force)
         if not self.quiet:
             copies = f", {counted(written.num_converted, 'cloud')} converted" if written.num_converted else ""
-            _tell(written, copies)
+            _tell(written, copies, is_last=sweeps is None)
         return written
 
 
-def _accumulate(
-    written: WrittenDrive, settings: BagSettings | FolderSettings, length: AccumulationLength
-) -> None:
-    """Write the accumulated drive of a drive of all sweeps, and say what was written."""
-    from semcal_cli.cli.accumulate import describe_accumulation
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.importing.accumulated_drive import accumulate_drive
+def _sweeps_drive(output: Path) -> Path:
+    """Locate the drive of all sweeps, of which an accumulated one is made at `output`."""
+    from semcal_cli.drive.document import output_drive_file
 
-    assert settings.output is not None
-    drive = read_drive(written.path)
-    with settings.terminal() as terminal:
-        done = accumulate_drive(drive, length, settings.output, terminal.on_event, force=settings.force)
-    terminal.print(*describe_accumulation(done))
+    path = output_drive_file(output)
+    return path.parent / "sweeps" / path.name
 
 
-def _tell(written: WrittenDrive, details: str, lines: tuple[str, ...] = ()) -> None:
-    """Print what was written, what to know about it, and which command comes next."""
+def _tell(written: WrittenDrive, details: str, lines: tuple[str, ...] = (), *, is_last: bool = True) -> None:
+    """Print what was written, what to know about it, and which command comes next if nothing else is written."""
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.result.next_steps import after_import
 
     remarks = (line for remark in written.remarks for line in wrapped("note:", remark, indent=6))
     wrote = f"wrote {written.path}: {counted(written.num_frames, 'frame')}{details}"
-    for line in (wrote, *lines, *remarks, f"next: {after_import(written.drive)}"):
+    next_command = (f"next: {after_import(written.drive)}",) if is_last else ()
+    for line in (wrote, *lines, *remarks, *next_command):
         click.echo(line, err=True)
 
 
@@ -360,8 +356,8 @@ def bag(settings: BagSettings) -> None:
     if settings.is_list:
         _list(settings.paths)
         return
+    from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.lidar import Spin
-    from semcal_cli.importing.accumulated_drive import AccumulationLength, sweeps_drive
     from semcal_cli.importing.bags.bag_import import import_bag
     from semcal_cli.importing.bags.topics import BagRequest
 
@@ -374,22 +370,19 @@ def bag(settings: BagSettings) -> None:
         around_s=settings.accumulate,
     )
     assert settings.output is not None  # by a rule
-    output = settings.output if settings.accumulate is None else sweeps_drive(settings.output)
+    output = settings.output if settings.accumulate is None else _sweeps_drive(settings.output)
     with settings.terminal() as terminal:
         done = import_bag(request, output, terminal.on_event, force=settings.force)
     if not settings.quiet:
-        _tell_import(done)
+        rows = done.left_out.most_common()
+        left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
+        if others := sum(count for _, count in rows[MAX_REASONS:]):
+            left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
+        is_last = settings.accumulate is None
+        _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out), is_last=is_last)
     if settings.accumulate is not None:
-        _accumulate(done.written, settings, AccumulationLength(settings.accumulate, None))
-
-
-def _tell_import(done: ImportedDrive) -> None:
-    """Print what was made of a recording, and what was left out."""
-    rows = done.left_out.most_common()
-    left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
-    if others := sum(count for _, count in rows[MAX_REASONS:]):
-        left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
-    _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out))
+        drive = read_drive(done.written.path)
+        accumulate_into(settings.output, drive, settings, seconds=settings.accumulate, force=settings.force)
 
 
 def _list(paths: tuple[Path, ...]) -> None:
@@ -524,8 +517,9 @@ def folder(settings: FolderSettings) -> None:
     if settings.accumulate is None:
         settings.write(read(made_of(Folder, settings)), **labels)
         return
-    from semcal_cli.importing.accumulated_drive import AccumulationLength, sweeps_drive
+    from semcal_cli.drive.document import read_drive
 
     recording = read(made_of(Folder, settings, keeps_all=True))
-    written = settings.write(recording, sweeps_drive(settings.output), keeps_all=True, **labels)
-    _accumulate(written, settings, AccumulationLength(None, settings.accumulate))
+    written = settings.write(recording, _sweeps_drive(settings.output), keeps_all=True, **labels)
+    drive = read_drive(written.path, settings.max_points)
+    accumulate_into(settings.output, drive, settings, num_sweeps=settings.accumulate, force=settings.force)

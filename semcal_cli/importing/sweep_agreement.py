@@ -21,8 +21,8 @@ from semcal_cli.importing.sweep_odometry import (
     constraint_shares,
 )
 
-SURFACE_NOISE_M = 0.03
-"""Standard deviation that is added to that of a cell's points: the range noise of usual LiDARs is 2 to 3 cm."""
+SURFACE_NOISE_M = 0.05
+"""Standard deviation that is added to that of a cell's points: twice the range noise of usual LiDARs, 2 to 3 cm."""
 FAR = 9.0
 """Squared Mahalanobis distance from which a point does not belong to a cell: three standard deviations."""
 MAX_STEPS, SETTLED = 10, 1e-4

@@ -271,6 +271,10 @@ class DriveMotion(NamedTuple):
     point_times: str
     """`relative`, `absolute` or `deskewed`, for `point_times` of the `motion:` block."""
 
+    def tum(self) -> str:
+        """Format the poses, one per line (see `tum_text`), after a comment that says what estimated them."""
+        return f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n{tum_text(self.poses)}"
+
 
 def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     """Estimate the motion of the LiDAR in a drive of consecutive sweeps. One sweep is in memory at a time.

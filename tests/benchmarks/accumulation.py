@@ -80,7 +80,8 @@ def drives(
     sweeps, points, width = size
     count = MOVING_SWEEPS if speed_m_s else sweeps
     images = range(5, count, 10) if speed_m_s else [count // 2]
-    street = MovingStreet(speed_m_s, TURN_RAD_S, seed, points, width, num_sweeps=count, rig_seed=7, **MID_360)
+    turn_rad_s = TURN_RAD_S if speed_m_s else 0.0
+    street = MovingStreet(speed_m_s, turn_rad_s, seed, points, width, num_sweeps=count, rig_seed=7, **MID_360)
     path = street.write(folder / "sweeps", count=count, images=images)
     document = yaml.safe_load(path.read_text())
     for frame in document["frames"]:
