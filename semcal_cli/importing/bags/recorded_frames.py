@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
+
+import numpy as np
 
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.events import Listener, Progress
@@ -21,7 +24,8 @@ from semcal_cli.importing.bags.image_messages import Bayer, image_file
 from semcal_cli.importing.bags.messages import NS, Message, MessageError
 from semcal_cli.importing.bags.point_messages import PointTimes, read_sweep
 from semcal_cli.importing.bags.recorded_motion import Trajectory
-from semcal_cli.importing.bags.topics import Topics
+from semcal_cli.importing.bags.stamped_pairs import PATIENCE_NS
+from semcal_cli.importing.bags.topics import BagRequest, Topics
 from semcal_cli.importing.recording import SourceFrame
 from semcal_cli.importing.sweep_odometry import SIGMA, seconds_text
 
@@ -163,23 +167,55 @@ def _write_frame(
     return WrittenFrame(frame, sweep.times)
 
 
-def write_sweep(
-    message: Message,
-    stamp_ns: int,
+def with_sweeps_around(
+    written: Sequence[WrittenFrame],
+    chosen: Sequence[SpooledPair],
+    request: BagRequest,
     topics: Topics,
+    read_sweeps: Callable[[int, int], Iterator[Message]],
     folder: Path,
+    on_event: Listener,
     write: Callable[[bytes, Path], None],
-    spin: Spin | None,
-) -> WrittenFrame:
-    """Write a sweep without an image.
+) -> list[WrittenFrame]:
+    """Write all sweeps within half of `request.around_s` from each frame, and return them and the frames by time.
+
+    Args:
+        written: The frames.
+        chosen: The pairs that the frames were made of, in order of time.
+        request: The user's choices.
+        topics: The topics that they come from.
+        read_sweeps: Function that yields the sweeps that were received from a start to before a stop.
+        folder: Folder of the drive.
+        on_event: Called with each event.
+        write: Writes the content of a file to its path.
 
     Raises:
-        MessageError: the message is damaged.
-        InputError: the file cannot be written.
+        InputError: a file cannot be written.
     """
-    sweep, points = read_sweep(message, stamp_ns, spin), _sweep_file(folder, topics, stamp_ns)
-    write(sweep.pcd(), points)
-    return WrittenFrame(SourceFrame(points.stem, points, points_stamp=stamp_ns / NS), sweep.times)
+    half_ns = round(0.5 * (request.around_s or 0.0) * NS)
+    by_stamp = {round((frame.source.points_stamp or 0.0) * NS): frame for frame in written}
+    middles_ns = np.array([candidate.pair.sweep_ns for candidate in chosen])
+    done_ns, known_ns = 0, {*by_stamp, *middles_ns.tolist()}
+    for number, candidate in enumerate(chosen, start=1):
+        on_event(Progress(f"reading the sweeps around {number:,} of {len(chosen):,} frames"))
+        received_ns = candidate.pair.sweep.received_ns
+        # Messages of one moment are received at different times, and sweeps need poses before and after them.
+        start_ns = max(received_ns - half_ns - PATIENCE_NS, done_ns)
+        done_ns = max(received_ns + half_ns + PATIENCE_NS, done_ns)
+        for message in read_sweeps(start_ns, done_ns):
+            with suppress(MessageError):
+                stamp_ns = message.received_ns if request.by_receipt else message.header_ns
+                if stamp_ns in known_ns or np.abs(middles_ns - stamp_ns).min() > half_ns:
+                    continue
+                sweep, points = (
+                    read_sweep(message, stamp_ns, request.spin),
+                    _sweep_file(folder, topics, stamp_ns),
+                )
+                write(sweep.pcd(), points)
+                source = SourceFrame(points.stem, points, points_stamp=stamp_ns / NS)
+                by_stamp[stamp_ns] = WrittenFrame(source, sweep.times)
+                known_ns.add(stamp_ns)
+    return [by_stamp[stamp_ns] for stamp_ns in sorted(by_stamp)]
 
 
 def _sweep_file(folder: Path, topics: Topics, stamp_ns: int) -> Path:
