@@ -47,11 +47,15 @@ def clouds(drive: Drive) -> list[Points]:
     return [cloud.points for cloud in read_point_clouds(files)]
 
 
-def test_a_standing_rig_gets_one_cloud_of_all_its_sweeps(standing: MovingStreet, tmp_path: Path) -> None:
+def test_a_standing_rig_gets_one_cloud_of_all_its_sweeps(
+    standing: MovingStreet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = standing.write(tmp_path / "drive", count=NUM_SWEEPS, images=[6])
-    result = invoke("accumulate", path, "--seconds", "10", "-o", tmp_path / "dense")
+    monkeypatch.chdir(tmp_path)
+    result = invoke("accumulate", "drive", "--seconds", "10", "-o", "dense")
     assert result.exit_code == 0, result.output
-    assert f"wrote {tmp_path / 'dense/drive.yaml'}: 1 frame, each of 12 sweeps and" in result.stderr
+    assert "wrote dense/drive.yaml: 1 frame, each of 12 sweeps\n" in result.stderr
+    assert max(map(len, result.stderr.splitlines())) <= 80
     drive = read_drive(tmp_path / "dense")
     (frame,) = drive.frames
     assert (frame.image, frame.image_labels) == ("../drive/000006.png", "../drive/000006_labels.png")

@@ -77,12 +77,11 @@ def accumulate_into(
 
     with settings.terminal() as terminal:
         done = accumulate_drive(drive, output, terminal.on_event, force=force, **length)
-    sweeps, points = median(done.num_sweeps), median(done.num_points)
-    frames = counted(len(done.num_points), "frame")
+    num_sweeps, num_points = median(done.num_sweeps), median(done.num_points)
     terminal.print(
-        f"wrote {done.drive.path}: {frames}, each of {sweeps:g} sweeps and {points:,.0f} points in the median",
-        f"sweeps fit to {100.0 * done.distance_m:.1f} cm in the median; left out {done.share_moving:.1%} of the points "
-        f"as moving, {done.share_hidden:.1%} as hidden",
+        f"wrote {done.drive.path}: {counted(len(done.num_points), 'frame')}, each of {num_sweeps:g} sweeps",
+        f"a frame has {num_points:,.0f} points; its sweeps fit to {100.0 * done.distance_m:.1f} cm (medians)",
+        f"left out {done.share_moving:.1%} of the points, which move, and {done.share_hidden:.1%}, which are hidden",
     )
     for reason, count in done.left_out.most_common():
         terminal.print(*wrapped("note:", f"left out {counted(count, 'frame')}: {reason}", indent=6))

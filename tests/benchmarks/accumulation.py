@@ -27,7 +27,7 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
-from semcal_cli.importing.accumulated_drive import AccumulationLength, accumulate_drive
+from semcal_cli.importing.accumulated_drive import accumulate_drive
 from semcal_cli.importing.merged_drive import merge_drives
 from semcal_cli.importing.sweep_odometry import SIGMA, drive_motion, tum_text
 from semcal_cli.observations.loading import load
@@ -96,7 +96,7 @@ def drives(
         path.write_text(yaml.safe_dump(document))
     drive = read_drive(path)
     seconds = 1.0 if speed_m_s else 0.1 * count
-    dense = accumulate_drive(drive, AccumulationLength(seconds, None), folder / "dense").drive
+    dense = accumulate_drive(drive, folder / "dense", seconds=seconds).drive
     document["frames"] = [document["frames"][index] for index in images]
     other = path.with_name("images.yaml")
     other.write_text(yaml.safe_dump(document))
