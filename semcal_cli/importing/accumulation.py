@@ -26,9 +26,10 @@ from semcal_cli.importing.sweep_agreement import Surfaces
 from semcal_cli.observations.motion import displacement, read_trajectory
 from semcal_cli.observations.point_times import checked_times
 
-MAX_STANDING_M, MAX_STANDING_DEG = 0.02, 0.1
-"""How far sweeps of a rig that stands may seem to be apart: the range noise of a Livox Mid-360, 2 cm at 10 m, and less
-than its 0.15 degrees (its data sheet). A rig that creeps farther smears the cloud by more than the LiDAR itself."""
+MAX_STANDING_M, MAX_STANDING_DEG = 0.02, 0.2
+"""How far sweeps of a rig that stands may seem to be apart: the range noise of a Livox Mid-360, 2 cm at 10 m, and about
+its 0.15 degrees (its data sheet). Sweeps of 4,000 points in a synthetic street seem to be up to 0.8 cm and 0.14 degrees
+apart, those of 10,000 points half of that."""
 MAX_CORRECTION_M, MAX_CORRECTION_DEG = 0.3, 1.0
 """How far a sweep may be from where a motion puts it, to be moved the rest of the way onto the surfaces. Larger
 displacements are not found for certain, and show a wrong motion."""
@@ -91,6 +92,9 @@ class Accumulation:
         self.drive, self.on_event = drive, on_event
         self.left_out: Counter[str] = Counter()
         """Number of frames with an image whose sweep fits no other, by reason."""
+        lidar = drive.lidar
+        self._origin_m = np.array((0.0, 0.0, 0.0) if lidar is None else lidar.origin_m)
+        """(3,) where the rays of a sweep start, metres, LiDAR frame."""
         self._motion = drive.motion
         if self._motion is not None and self._motion.speed_m_s is not None:
             if self._motion.speed_m_s > 0.0:
@@ -181,7 +185,9 @@ class Accumulation:
                 del sides[step]
         if len(found) == 1:
             reason = (
-                misfits[0] if misfits else f"found no other sweep near {Path(key.points).name}, needed more"
+                misfits[0]
+                if misfits
+                else f"found no other sweep near {Path(key.points).name} in time, needed sweeps that follow one another"
             )
             self.left_out[reason] += 1
             return place + 1, []
@@ -245,11 +251,9 @@ class Accumulation:
         Raises:
             _MisfitError: the motion does not cover it.
         """
-        lidar = self.drive.lidar
-        origin_m = np.asarray((0.0, 0.0, 0.0) if lidar is None else lidar.origin_m, np.float64)
         motion = self._motion
         if motion is None:
-            return _Sweep(frame, cloud, cloud.points, origin_m, 0.0)
+            return _Sweep(frame, cloud, cloud.points, self._origin_m, 0.0)
         start_s, end_s = _stamp_s(frame), _stamp_s(key)
         told = checked_times(self.drive, frame, cloud, motion.point_times)
         times_s = np.full(len(cloud.points), start_s)
@@ -267,7 +271,7 @@ class Accumulation:
         except ValueError as error:
             file = self.drive.resolve(motion.poses or "")
             raise _MisfitError(f"{file}: {error}, needed poses before and after {frame.points}") from None
-        return _Sweep(frame, cloud, points, T[:3, :3] @ origin_m + T[:3, 3], 0.0)
+        return _Sweep(frame, cloud, points, T[:3, :3] @ self._origin_m + T[:3, 3], 0.0)
 
     def _merged(self, key: Frame, sweeps: Sequence[_Sweep]) -> AccumulatedCloud:
         """Put sweeps together, without what moves, and without what the key's own origin does not see."""
@@ -287,8 +291,7 @@ class Accumulation:
         keeps = are_unmoved(points, origins)
         num_moving = num_read - int(keeps.sum())
         if len(np.unique(origins, axis=0)) > 1:
-            own = next(sweep for sweep in sweeps if sweep.distance_m == 0.0)
-            keeps[keeps] = are_seen(rows[keeps, :3], own.origin_m)
+            keeps[keeps] = are_seen(rows[keeps, :3], self._origin_m)
         rows = rows[keeps]
         return AccumulatedCloud(
             rows,
