@@ -263,4 +263,5 @@ def test_folders_and_recordings_are_accumulated_when_they_are_imported(
     result = invoke("import", "bag", bag, "--accumulate", "0.6", "-o", tmp_path / "of_bag")
     assert result.exit_code == 0, result.output
     assert "1 frame, each of 7 sweeps" in unwrapped(result.stderr, 0)
+    assert "between the times" not in result.stderr
     assert len(read_drive(tmp_path / "of_bag/sweeps").frames) == 7

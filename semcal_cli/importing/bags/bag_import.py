@@ -55,6 +55,7 @@ AROUND_NS = NS
 """Odometry uses sweeps from this long before the first wanted time to this long after the last, too."""
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
+NOT_READ = "sweeps: between the times that were read"
 MAX_REMARKS = 3
 """Largest number of remarks about damage in an error."""
 MAX_LATCHED = 100
@@ -185,8 +186,7 @@ class _Import:
                 self.on_event,
                 self.write,
             )
-            between = "sweeps: between the times that were read"
-            self.left_out[between] -= min(self.left_out[between], len(written_frames) - num_frames)
+            self.left_out -= Counter({NOT_READ: len(written_frames) - num_frames})
         motion, frames = None, [frame.source for frame in written_frames]
         if self.trajectory is not None:
             motion, frames, remark = write_motion(self.trajectory, written_frames, self.path, self.write)
@@ -356,7 +356,7 @@ class _Import:
         )
         not_read = self.topics.points.span.num_messages - num_read
         if not_read > 0:
-            self.left_out["sweeps: between the times that were read"] += not_read
+            self.left_out[NOT_READ] += not_read
         return candidates
 
     @property
