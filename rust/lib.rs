@@ -16,6 +16,7 @@ mod file;
 mod label_borders;
 mod label_image;
 mod labelling;
+mod lines_of_sight;
 mod motion;
 mod mutual_information;
 mod observation;

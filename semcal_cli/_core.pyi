@@ -63,6 +63,7 @@ __all__ = [
     "ascend",
     "classes_of_scores",
     "config_attributes",
+    "count_beside",
     "despeckle",
     "edge_steps",
     "estimate_grid",
@@ -668,6 +669,18 @@ def look_up_classes(ids: NDArray[np.uint16], table: NDArray[np.uint8]) -> NDArra
 
 def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[np.uint8], int]]:
     """Replace the class of isolated pixels of label images (H, W) by the one around them, and count them."""
+
+def count_beside(
+    rays: _Float32, points: _Float32, angle: float, max_rays: int, same_m: float, same_share: float
+) -> NDArray[np.uint16]:
+    """Count the rays beside each point (N, 3) that end before it, at it and beyond it, and where some end before it.
+
+    Rays (M, 3) and points are vectors from one origin, metres. The `max_rays` nearest rays within `angle`, radians, are
+    compared. Ranges are the same if they differ by at most `same_m` and `same_share` of the point's range together.
+
+    Returns:
+        (N, 4) three numbers of rays, and the number of the point's four quadrants in which rays end before it.
+    """
 
 def steps_at_label_borders(
     image: NDArray[np.uint8], labels: LabelledImage, *, reach: int, tiles: tuple[int, int]

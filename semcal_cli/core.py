@@ -52,6 +52,7 @@ try:
         ascend as ascend,
         classes_of_scores as classes_of_scores,
         config_attributes as config_attributes,
+        count_beside as count_beside,
         despeckle as despeckle,
         edge_steps as edge_steps,
         estimate_grid as estimate_grid,

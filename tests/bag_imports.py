@@ -12,6 +12,7 @@ import yaml
 from bags import NS, START_NS, BagWriter
 from click.testing import Result
 from commands import invoke
+from moving_street import MovingStreet
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
@@ -74,6 +75,15 @@ def small(folder: Path, kind: str = "sqlite3", count: int = 6, **changes: Maker)
     """Write a small recording, see `fill`."""
     folder.mkdir(parents=True, exist_ok=True)
     return fill(BagWriter(folder, kind), count, **changes)
+
+
+def recorded(folder: Path, street: MovingStreet, count: int = 12, **makers: Any) -> Path:
+    """Record the first sweeps of a street, with small images."""
+
+    def sweep(bag: BagWriter, index: int, stamp: int) -> Any:
+        return bag.cloud(street.sweep(index).records(), stamp)
+
+    return small(folder, "mcap library", count, points=sweep, **makers)
 
 
 def run_cli(*arguments: object, code: int | None = 0) -> Result:

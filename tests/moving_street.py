@@ -7,10 +7,11 @@ unevenly along the same way.
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +32,7 @@ RAYS = 32
 """Rays that are fired together: a sweep has so many times the columns."""
 FIRST_S = 100.0
 """Stamp of the first sweep."""
-RECORD = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")]
+RECORD = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f4")]
 
 
 @dataclass(frozen=True)
@@ -50,18 +51,20 @@ class Timed(NamedTuple):
     """(N,) seconds after its start."""
     labels: npt.NDArray[np.uint32]
     """(N,)."""
+    intensity: npt.NDArray[np.float32]
+    """(N,) in [0, 1]."""
 
     def records(self) -> npt.NDArray[np.void]:
-        """Records (1, N) of coordinates and times."""
+        """Records (1, N) of coordinates, intensities and times."""
         found = np.zeros((1, len(self.points)), RECORD)
         for axis, name in enumerate("xyz"):
             found[name] = self.points[:, axis]
-        found["time"] = self.times_s
+        found["time"], found["intensity"] = self.times_s, self.intensity
         return found
 
 
 class MovingStreet:
-    """A drive of three seconds."""
+    """A drive of three seconds, or of another length; at no speed, one that stands."""
 
     def __init__(
         self,
@@ -73,6 +76,8 @@ class MovingStreet:
         *,
         change: float = 0.0,
         readout_s: float = 0.0,
+        num_sweeps: int = NUM_SWEEPS,
+        **settings: Any,
     ) -> None:
         """Make the street.
 
@@ -84,15 +89,21 @@ class MovingStreet:
             width: Width of the images.
             change: Share by which the speed rises above its mean and falls below it within the drive.
             readout_s: Time that the shutter takes from the first line of an image to the last.
+            num_sweeps: Number of sweeps; three seconds of them if not given.
+            settings: Other settings of the LiDAR, the camera and the mounting.
         """
-        self.config = StreetConfig(
-            seed=seed,
-            pattern="rosette",
-            channels=RAYS,
-            columns=NUM_SWEEPS * points // RAYS,
-            camera_azimuth_deg=0.0,
-            width=width,
-            height=width * 9 // 16,
+        of_length = type("_LongConfig", (StreetConfig,), {"sweep_s": num_sweeps * SWEEP_S})
+        self.config: StreetConfig = of_length(
+            **{
+                "seed": seed,
+                "pattern": "rosette",
+                "channels": RAYS,
+                "columns": num_sweeps * points // RAYS,
+                "camera_azimuth_deg": 0.0,
+                "width": width,
+                "height": width * 9 // 16,
+            }
+            | settings
         )
         self.T_camera_lidar = mounting(self.config)
         self.camera = make_camera(self.config)
@@ -127,7 +138,8 @@ class MovingStreet:
         """Cut out the sweep of a number, which starts at `stamp_s` of it."""
         times_s = self._times_s - index * SWEEP_S
         is_in = (times_s >= 0.0) & (times_s < SWEEP_S)
-        return Timed(self._whole.points[is_in, :3], times_s[is_in], self._whole.point_labels[is_in])
+        points = self._whole.points[is_in]
+        return Timed(points[:, :3], times_s[is_in], self._whole.point_labels[is_in], points[:, 3])
 
     def image(self, stamp_s: float) -> core.RenderedFrame:
         """Render the image whose reading begins at a time, with its labels."""
@@ -155,32 +167,44 @@ class MovingStreet:
         angle = np.arccos(np.clip(0.5 * (np.trace(error[:3, :3]) - 1.0), -1.0, 1.0))
         return float(np.linalg.norm(error[:3, 3])), float(np.degrees(angle))
 
-    def write(self, folder: Path, count: int = NUM_SWEEPS, every: int = 1, late_s: float = 0.0) -> Path:
+    def write(
+        self,
+        folder: Path,
+        count: int = NUM_SWEEPS,
+        every: int = 1,
+        late_s: float = 0.0,
+        images: Container[int] = range(1_000_000),
+    ) -> Path:
         """Write a drive of the first sweeps, or of every so many, with images of their middles, and no motion.
 
-        The true poses lie beside it. Images are later than their stamps by some time.
+        The true poses lie beside it. Images are later than their stamps by some time, and `images` are the numbers of
+        the sweeps that have one.
         """
         folder.mkdir(parents=True)
-        frames = []
+        frames = list[dict[str, Any]]()
         for index in range(0, count, every):
             sweep, start_s = self.sweep(index), stamp_s(index)
             middle_s = start_s + 0.5 * SWEEP_S
-            rendered, names = self.image(middle_s + late_s), f"{index:06d}"
+            names = f"{index:06d}"
             (folder / f"{names}.pcd").write_bytes(Sweep(sweep.records(), PointTimes()).pcd())
             sweep.labels.astype("<u4").tofile(folder / f"{names}.label")
-            write_image(rendered.image_labels, folder / f"{names}_labels.png")
-            write_image(rendered.image_rgb[..., ::-1], folder / f"{names}.png")
-            frames.append(
-                {
-                    "points": f"{names}.pcd",
-                    "point_labels": f"{names}.label",
+            frame = {
+                "points": f"{names}.pcd",
+                "point_labels": f"{names}.label",
+                "points_stamp": start_s,
+            }
+            if index in images:
+                rendered = self.image(middle_s + late_s)
+                write_image(rendered.image_labels, folder / f"{names}_labels.png")
+                write_image(rendered.image_rgb[..., ::-1], folder / f"{names}.png")
+                frame |= {
                     "image_labels": f"{names}_labels.png",
                     "image": f"{names}.png",
-                    "points_stamp": start_s,
                     "image_stamp": middle_s,
                 }
-            )
-        stamps_ns = range(round((FIRST_S - 1.0) * NS), round((FIRST_S + 5.0) * NS), NS // 50)
+            frames.append(frame)
+        last_s = FIRST_S + max(self.config.sweep_s, 3.0) + 2.0
+        stamps_ns = range(round((FIRST_S - 1.0) * NS), round(last_s * NS), NS // 50)
         (folder / "true.txt").write_text(tum_text({each: self.pose(each / NS) for each in stamps_ns}))
         shutter = {"readout_s": self._readout_s} if self._readout_s else {}
         document = {

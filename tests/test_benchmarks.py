@@ -33,6 +33,7 @@ NEAR_DEG, NEAR_CM = 0.3, 5.0
 
 NUMBER = r"\d+\.\d+"
 RUNS = {
+    "accumulation.py --streets 1 --sweeps 10 --points 10000 --width 160 --cue labels": 4,
     "arrays.py --pairs 2 --width 160 --cue labels --repeats 1": 1,
     "batch.py --drives 1 --bookkeeping 3 --frames 2 --width 160": 5,
     "bin_layouts.py DATA --only nuscenes": 11,

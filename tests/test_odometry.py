@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import yaml
-from bag_imports import done, run_cli, small
+from bag_imports import done, recorded, run_cli
 from bags import NS, BagWriter
 from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
 
@@ -118,17 +118,8 @@ def test_a_plain_world_does_not_seem_to_stand() -> None:
     assert np.linalg.norm(poses[-1][:3, 3] - poses[0][:3, 3]) == pytest.approx(10.0, rel=0.05)
 
 
-def written(folder: Path, street: MovingStreet, count: int = 12, **makers: Any) -> Path:
-    """Record the first sweeps of the street, with small images."""
-
-    def sweep(bag: BagWriter, index: int, stamp: int) -> Any:
-        return bag.cloud(street.sweep(index).records(), stamp)
-
-    return small(folder, "mcap library", count, points=sweep, **makers)
-
-
 def test_a_recording_without_poses_gets_them_from_its_sweeps(street: MovingStreet, tmp_path: Path) -> None:
-    path = written(tmp_path, street)
+    path = recorded(tmp_path, street)
     result = run_cli("import", "bag", path, "-o", tmp_path / "drive", "--odometry")
     assert "estimates the motion of the LiDAR from the sweeps; the drive uses it" in " ".join(
         result.stderr.split()
@@ -153,7 +144,7 @@ def test_a_recordings_own_odometry_is_preferred_and_compared(
     def pose(bag: BagWriter, index: int, stamp: int) -> Any:
         return bag.odometry(street.pose(stamp / NS) if is_true else np.eye(4), stamp, "lidar")
 
-    path = written(tmp_path, street, odom=pose)
+    path = recorded(tmp_path, street, odom=pose)
     found = {
         motion: "\n".join(done(path, tmp_path / str(motion), odometry=True, motion=motion).written.remarks)
         for motion in (None, "none")

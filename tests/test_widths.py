@@ -37,6 +37,7 @@ LINES = (
 """Commands in the order in which they use one another's files."""
 ELSEWHERE = {
     "view": "prints an address, and serves until it is stopped",
+    "accumulate": "takes sweeps of one place; tests/test_accumulation.py measures its lines",
     "odometry": "takes many sweeps; its lines are those of `import`",
     "experiment": "takes minutes, and prints tables of Markdown",
     "completion": "prints a program",

@@ -10,6 +10,7 @@ mod configs;
 mod edges;
 mod labelling;
 mod labels;
+mod lines_of_sight;
 mod motion;
 mod observations;
 mod registration;
@@ -51,6 +52,7 @@ mod _core {
             PyClassShares, PyPointCloud, despeckle, look_up_classes, parse_point_cloud, read_class_shares,
             read_label_images, read_label_thumbnails, read_point_clouds, seen_ids,
         },
+        lines_of_sight::count_beside,
         motion::{PyTrajectory, unroll},
         observations::{PyLabelledCloud, PyLabelledImage, PyObservations},
         registration::{

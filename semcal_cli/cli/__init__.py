@@ -39,6 +39,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "import": "Make a drive from a recording, a data set or your own files.",
         "label": "Label images or sweeps with a network.",
         "inspect": "Show what a drive contains, and what looks wrong with it.",
+        "accumulate": "Make dense clouds of the sweeps of a sparse LiDAR.",
         "merge": "Make one drive of several drives of one rig.",
         "odometry": "Estimate the LiDAR's motion from the sweeps of a drive.",
         "synth": "Write a synthetic drive with a known transform.",

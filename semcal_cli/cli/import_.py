@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 
+from semcal_cli.cli.accumulate import accumulate_into
 from semcal_cli.cli.options import FrameSlice, QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from semcal_cli.importing.drive_folder import WrittenDrive
     from semcal_cli.importing.recording import Recording
 
+MAX_ACCUMULATED, MAX_ACCUMULATED_S = 100_000, 3600.0
+"""Largest numbers of sweeps and of seconds that become one cloud."""
 MAX_REASONS = 10
 """Largest number of printed reasons for leaving something out."""
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
@@ -137,28 +140,41 @@ class ImportSettings(QuietSettings):
     )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
-    def write(self, recording: Recording, **others: Any) -> None:
-        """Write the drive, and say what was written; `others` are options that have another meaning here."""
+    def write(self, recording: Recording, sweeps: Path | None = None, **others: Any) -> WrittenDrive:
+        """Write the drive, and say what was written; `others` are options that have another meaning here.
+
+        With `sweeps`, this drive is the one of all sweeps, of which an accumulated one is made.
+        """
         if self.odometry:
             check_installed("--odometry", "kiss_icp", "odometry")
         from semcal_cli.importing.choice import Options
         from semcal_cli.importing.drive_folder import write_drive
 
         options = made_of(Options, self, frames=self.frames or slice(None), **others)
-        written = write_drive(recording, options, self.output, force=self.force)
+        written = write_drive(recording, options, sweeps or self.output, force=self.force)
         if not self.quiet:
             copies = f", {counted(written.num_converted, 'cloud')} converted" if written.num_converted else ""
-            _tell(written, copies)
+            _tell(written, copies, is_last=sweeps is None)
+        return written
 
 
-def _tell(written: WrittenDrive, details: str, lines: tuple[str, ...] = ()) -> None:
-    """Print what was written, what to know about it, and which command comes next."""
+def _sweeps_drive(output: Path) -> Path:
+    """Locate the drive of all sweeps, of which an accumulated one is made at `output`."""
+    from semcal_cli.drive.document import output_drive_file
+
+    path = output_drive_file(output)
+    return path.parent / "sweeps" / path.name
+
+
+def _tell(written: WrittenDrive, details: str, lines: tuple[str, ...] = (), *, is_last: bool = True) -> None:
+    """Print what was written, what to know about it, and which command comes next if nothing else is written."""
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.result.next_steps import after_import
 
     remarks = (line for remark in written.remarks for line in wrapped("note:", remark, indent=6))
     wrote = f"wrote {written.path}: {counted(written.num_frames, 'frame')}{details}"
-    for line in (wrote, *lines, *remarks, f"next: {after_import(written.drive)}"):
+    next_command = (f"next: {after_import(written.drive)}",) if is_last else ()
+    for line in (wrote, *lines, *remarks, *next_command):
         click.echo(line, err=True)
 
 
@@ -248,6 +264,7 @@ class BagSettings(QuietSettings):
         one_of("-o", "--list"),
         given("--intrinsics").excludes("--camera-info"),
         given("--motion-frame").excludes("--motion none"),
+        given("--accumulate").excludes("--list"),
     ]
     paths: tuple[Path, ...] = argument(metavar="PATH...")
     output: Path | None = option(
@@ -310,6 +327,13 @@ class BagSettings(QuietSettings):
         "with the estimate; --motion none ignores all topics.",
         default=False,
     )
+    accumulate: float | None = option(
+        "Make a dense cloud for each image of the sweeps of SECONDS around it, as `semcal accumulate` does; the sweeps "
+        "are kept in the folder sweeps beside it.",
+        above=0.0,
+        maximum=MAX_ACCUMULATED_S,
+        metavar="SECONDS",
+    )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
 
@@ -332,22 +356,33 @@ def bag(settings: BagSettings) -> None:
     if settings.is_list:
         _list(settings.paths)
         return
+    from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.lidar import Spin
     from semcal_cli.importing.bags.bag_import import import_bag
     from semcal_cli.importing.bags.topics import BagRequest
 
     spin = None if settings.spin is None else Spin(**settings.spin)
-    request = made_of(BagRequest, settings, by_receipt=settings.stamps == "receive", spin=spin)
+    request = made_of(
+        BagRequest,
+        settings,
+        by_receipt=settings.stamps == "receive",
+        spin=spin,
+        around_s=settings.accumulate,
+    )
     assert settings.output is not None  # by a rule
+    output = settings.output if settings.accumulate is None else _sweeps_drive(settings.output)
     with settings.terminal() as terminal:
-        done = import_bag(request, settings.output, terminal.on_event, force=settings.force)
-    if settings.quiet:
-        return
-    rows = done.left_out.most_common()
-    left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
-    if others := sum(count for _, count in rows[MAX_REASONS:]):
-        left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
-    _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out))
+        done = import_bag(request, output, terminal.on_event, force=settings.force)
+    if not settings.quiet:
+        rows = done.left_out.most_common()
+        left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
+        if others := sum(count for _, count in rows[MAX_REASONS:]):
+            left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
+        is_last = settings.accumulate is None
+        _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out), is_last=is_last)
+    if settings.accumulate is not None:
+        drive = read_drive(done.written.path)
+        accumulate_into(settings.output, drive, settings, seconds=settings.accumulate, force=settings.force)
 
 
 def _list(paths: tuple[Path, ...]) -> None:
@@ -409,6 +444,7 @@ class FolderSettings(ImportSettings):
     rules = [
         given("--image-classes").requires("--image-labels"),
         given("--point-type").requires("--point-columns"),
+        given("--accumulate").excludes("--frames", "--max-frames", "--spread"),
     ]
     points: str = option("Point clouds, such as 'clouds/*.pcd'.", required=True, metavar="GLOB")
     point_labels: str | None = option(
@@ -445,6 +481,13 @@ class FolderSettings(ImportSettings):
         type=TimeUnit(),
         metavar="s|ms|us|ns|S",
     )
+    accumulate: int | None = option(
+        "Make a dense cloud for each image of the N sweeps around it, as `semcal accumulate` does; clouds without an "
+        "image count.",
+        minimum=2,
+        maximum=MAX_ACCUMULATED,
+        metavar="N",
+    )
 
 
 @import_.command(
@@ -470,4 +513,13 @@ def folder(settings: FolderSettings) -> None:
     from semcal_cli.importing.folder import Folder, read
 
     # The labels are found by their patterns, and are part of the recording.
-    settings.write(read(made_of(Folder, settings)), image_labels=None, point_labels=None)
+    labels = {"image_labels": None, "point_labels": None}
+    if settings.accumulate is None:
+        settings.write(read(made_of(Folder, settings)), **labels)
+        return
+    from semcal_cli.drive.document import read_drive
+
+    recording = read(made_of(Folder, settings, keeps_all=True))
+    written = settings.write(recording, _sweeps_drive(settings.output), keeps_all=True, **labels)
+    drive = read_drive(written.path, settings.max_points)
+    accumulate_into(settings.output, drive, settings, num_sweeps=settings.accumulate, force=settings.force)

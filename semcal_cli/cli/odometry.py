@@ -31,15 +31,14 @@ def odometry(settings: OdometrySettings) -> None:
     check_installed("semcal odometry", "kiss_icp", "odometry")
     from semcal_cli.files.output_files import write_text
     from semcal_cli.importing.motion_agreement import compare_with_drive
-    from semcal_cli.importing.sweep_odometry import NS, SIGMA, drive_motion, estimator, tum_text
+    from semcal_cli.importing.sweep_odometry import NS, SIGMA, drive_motion
 
     drive = read_drive(settings.drive, settings.max_points)
     check_outputs(files_read(drive), settings.output)
     with settings.terminal() as terminal:
         motion = drive_motion(drive, terminal.on_event)
     compared = compare_with_drive(drive, motion.poses)
-    note = f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n"
-    write_text(note + tum_text(motion.poses), settings.output)
+    write_text(motion.tum(), settings.output)
     terminal.print(f"wrote {settings.output}: {counted(len(motion.poses), 'pose')}")
     if motion.doubtful_ns:
         count, first_s = len(motion.doubtful_ns), motion.doubtful_ns[0] / NS

@@ -47,6 +47,8 @@ class Options:
     """Name or file of the class table of the points; None for the data set's own."""
     odometry: bool = False
     """Whether the motion is estimated from the sweeps of all frames, also of those not chosen, if none is stated."""
+    keeps_all: bool = False
+    """Whether frames without labels are kept beside those with labels."""
 
 
 def relabel(recording: Recording, options: Options) -> Recording:

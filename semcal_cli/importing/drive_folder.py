@@ -65,7 +65,9 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
     tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
     if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
         raise InputError(f"{path}: found a file that this import reads, needed another name")
-    recording = keep_labelled(relabel(recording, options))
+    recording = relabel(recording, options)
+    if not options.keeps_all:
+        recording = keep_labelled(recording)
     if not force:
         known_files = {
             os.path.realpath(file)

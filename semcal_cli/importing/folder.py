@@ -72,6 +72,8 @@ class Folder:
     """Type of the numbers of `.bin` clouds."""
     time_unit: NamedUnit | float | None = None
     """Unit of point times, or its length in seconds; None for the one that the first cloud suggests."""
+    keeps_all: bool = False
+    """Whether clouds without an image or a label image are kept, too."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,10 @@ def read(folder: Folder) -> Recording:
     image_partners = image_labels if image_labels.of_cloud else images
     needed = [partners.of_cloud for partners in (point_labels, image_partners) if partners.of_cloud]
     usable_clouds = [cloud for cloud in clouds if all(cloud in files for files in needed)]
+    if usable_clouds and folder.keeps_all:
+        usable_clouds = [
+            cloud for cloud in clouds if not point_labels.of_cloud or cloud in point_labels.of_cloud
+        ]
     if not usable_clouds:
         option = "--image-labels" if image_labels.of_cloud else "--images"
         raise InputError(
@@ -125,7 +131,7 @@ def read(folder: Folder) -> Recording:
             image=images.of_cloud.get(cloud),
             points_stamp=stamps.get(cloud),
             image_stamp=image_partners.stamps_s.get(image_partners.of_cloud[cloud])
-            if image_partners.of_cloud
+            if cloud in image_partners.of_cloud
             else None,
             cloud_has_labels=has_labels,
         )

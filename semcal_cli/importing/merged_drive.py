@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semcal_cli.drive.document import FILES, Drive, Motion, output_drive_file
+from semcal_cli.drive.document import FILES, Drive, Frame, Motion, output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, is_same_file, read_text
@@ -84,9 +84,9 @@ def merge_drives(drives: Sequence[Drive], out: Path, *, force: bool = False) -> 
     left_out = tuple(key for key in OPTIONAL if not _have_same(drives, key))
     # What nobody stated, such as the clock, is not stated by a copy.
     document = first.model_dump(mode="json", exclude_unset=True, exclude_none=True, exclude=set(left_out))
-    document["frames"] = [frame for drive in drives for frame in _frames(drive, path)]
+    document["frames"] = [described_frame(drive, frame, path) for drive in drives for frame in drive.frames]
     if isinstance(first.camera.mask, str):
-        document["camera"]["mask"] = _relative(first, first.camera.mask, path)
+        document["camera"]["mask"] = relative_name(first, first.camera.mask, path)
     poses = _joined_poses(drives)
     if poses is not None:
         for drive in drives:
@@ -157,15 +157,14 @@ def _have_same(drives: Sequence[Drive], key: str) -> bool:
     return all(first == other for other in others)
 
 
-def _frames(drive: Drive, path: Path) -> list[dict[str, Any]]:
-    """Describe the frames of a drive for a drive.yaml at `path`."""
-    frames: list[dict[str, Any]] = drive.model_dump(mode="json", exclude_none=True)["frames"]
-    return [
-        frame | {key: _relative(drive, frame[key], path) for key in FILES if key in frame} for frame in frames
-    ]
+def described_frame(drive: Drive, frame: Frame, path: Path) -> dict[str, Any]:
+    """Describe a frame of a drive for another drive.yaml at `path`, which names its files where they are."""
+    document = frame.model_dump(mode="json", exclude_none=True)
+    return document | {key: relative_name(drive, document[key], path) for key in FILES if key in document}
 
 
-def _relative(drive: Drive, name: str, path: Path) -> str:
+def relative_name(drive: Drive, name: str, path: Path) -> str:
+    """Name a file of a drive relative to another drive.yaml at `path`."""
     return os.path.relpath(drive.resolve(name), path.parent)
 
 

@@ -140,6 +140,15 @@ class Odometry:
             if all(abs(stamp - doubtful) > DOUBTFUL_NS for doubtful in self.doubtful_ns)
         }
 
+    def doubts(self, start_ns: int) -> list[str]:
+        """Describe which frames are left out because the motion is doubtful, in times after a start; [] if none."""
+        if not self.doubtful_ns:
+            return []
+        count, first_s = len(self.doubtful_ns), (self.doubtful_ns[0] - start_ns) / NS
+        when = f"at {count:,} of them, first {first_s:.1f} s after the start"
+        left_out = f"frames within {DOUBTFUL_NS / NS:g} s are left out"
+        return [f"the motion estimated from the sweeps is doubtful {when}: {left_out}"]
+
     def _begin(self, sweep: _Sweep) -> None:
         """Start a stretch with a sweep, at the last known pose."""
         self._first = sweep
@@ -270,6 +279,10 @@ class DriveMotion(NamedTuple):
     """Sweeps of frames without poses close before and after them."""
     point_times: str
     """`relative`, `absolute` or `deskewed`, for `point_times` of the `motion:` block."""
+
+    def tum(self) -> str:
+        """Format the poses, one per line (see `tum_text`), after a comment that says what estimated them."""
+        return f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n{tum_text(self.poses)}"
 
 
 def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:

@@ -21,7 +21,7 @@ from semcal_cli.files.input_files import is_folder, is_same_file
 from semcal_cli.files.output_files import make_folder, no_empty_folder, remove_if_refused
 from semcal_cli.formats.camera_block import read_intrinsics, resized
 from semcal_cli.importing.bags.bag import Bag
-from semcal_cli.importing.bags.camera_messages import CameraInfo, camera_block, difference, read_camera_info
+from semcal_cli.importing.bags.camera_messages import CameraInfo, camera_block, check_same, read_camera_info
 from semcal_cli.importing.bags.candidates import (
     Spool,
     SpooledPair,
@@ -31,9 +31,15 @@ from semcal_cli.importing.bags.candidates import (
     wanted_times,
 )
 from semcal_cli.importing.bags.image_messages import image_file, looks_like_mosaic
-from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic
+from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic, frame_of
 from semcal_cli.importing.bags.point_messages import read_sweep
-from semcal_cli.importing.bags.recorded_frames import WrittenFrame, image_folder, write_frames, write_motion
+from semcal_cli.importing.bags.recorded_frames import (
+    WrittenFrame,
+    image_folder,
+    with_sweeps_around,
+    write_frames,
+    write_motion,
+)
 from semcal_cli.importing.bags.recorded_motion import Trajectory, find_motion, read_frames
 from semcal_cli.importing.bags.stamped_pairs import Pairing
 from semcal_cli.importing.bags.topics import BagRequest, choose_topics
@@ -43,12 +49,13 @@ from semcal_cli.importing.choice import Options
 from semcal_cli.importing.drive_folder import WrittenDrive, check_may_replace, write_drive
 from semcal_cli.importing.motion_agreement import compare_motions
 from semcal_cli.importing.recording import Recording
-from semcal_cli.importing.sweep_odometry import DOUBTFUL_NS, Odometry
+from semcal_cli.importing.sweep_odometry import Odometry
 
 AROUND_NS = NS
 """Odometry uses sweeps from this long before the first wanted time to this long after the last, too."""
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
+NOT_READ = "sweeps: between the times that were read"
 MAX_REMARKS = 3
 """Largest number of remarks about damage in an error."""
 MAX_LATCHED = 100
@@ -132,7 +139,7 @@ class _Import:
         odometry = self._odometry(wanted_ns) if request.odometry else None
         if odometry is not None and self.trajectory is None:
             self.trajectory = Trajectory.from_poses(odometry.poses())
-            self.remarks += self._doubts(odometry)
+            self.remarks += odometry.doubts(self.bag.start_ns)
         make_folder(self.path.parent)
         refusals: Counter[str] = Counter()
         try:
@@ -167,6 +174,19 @@ class _Import:
         self.remarks += list(
             dict.fromkeys(frame.times.remark for frame in written_frames if frame.times.remark)
         )
+        if request.around_s is not None:
+            num_frames = len(written_frames)
+            written_frames = with_sweeps_around(
+                written_frames,
+                chosen,
+                request,
+                self.topics,
+                self._read_sweeps,
+                self.path.parent,
+                self.on_event,
+                self.write,
+            )
+            self.left_out -= Counter({NOT_READ: len(written_frames) - num_frames})
         motion, frames = None, [frame.source for frame in written_frames]
         if self.trajectory is not None:
             motion, frames, remark = write_motion(self.trajectory, written_frames, self.path, self.write)
@@ -188,6 +208,15 @@ class _Import:
         )
         written = write_drive(recording, Options(), self.path, force=True)
         return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out)
+
+    def _read_sweeps(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
+        """Yield sweeps; poses are handled here."""
+        poses, points = self._poses_topic, self.topics.points
+        for message in self.bag.messages([points] if poses is None else [points, poses], start_ns, stop_ns):
+            if self.trajectory is not None and message.topic == poses:
+                self.trajectory.take(message, self.request.by_receipt)
+            elif frame_of(message) == self.frame_ids[points]:
+                yield message
 
     def _check_output(self) -> None:
         """Check, before the work begins, that the drive.yaml replaces no file that is read."""
@@ -256,7 +285,7 @@ class _Import:
             self.remarks.append(f"{topic.name} is not next to {image.name}; its intrinsics are used anyway")
         if topic.span.num_messages <= MAX_LATCHED:
             for message in self.bag.messages([topic]):
-                self._check_same(message)
+                check_same(message, self.info, self.bag.start_ns)
         if self.topics.is_rectified:
             self.remarks.append(
                 f"{image.name} holds rectified images: P of {topic.name} is used, not K and D"
@@ -272,7 +301,7 @@ class _Import:
 
     def _first_frame(self, topic: Topic) -> str:
         """Read the frame of the first message that has one, among the first few."""
-        frames = map(_frame_of, islice(self.bag.messages([topic]), MAX_LATCHED))
+        frames = map(frame_of, islice(self.bag.messages([topic]), MAX_LATCHED))
         return next((frame for frame in frames if frame is not None), "")
 
     def _odometry(self, wanted_ns: Sequence[int]) -> Odometry:
@@ -282,22 +311,13 @@ class _Import:
         for message in self.bag.messages([self.topics.points], start_ns, stop_ns):
             share = (message.received_ns - start_ns) / (stop_ns - start_ns)
             self.on_event(Progress(f"estimating the motion from the sweeps: {share:.0%}"))
-            if _frame_of(message) != self.frame_ids[self.topics.points]:
+            if frame_of(message) != self.frame_ids[self.topics.points]:
                 continue
             with suppress(MessageError):
                 stamp_ns = message.received_ns if request.by_receipt else message.header_ns
                 sweep = read_sweep(message, stamp_ns, request.spin)
                 odometry.add(sweep.points, None if sweep.seconds is None else sweep.seconds.ravel(), stamp_ns)
         return odometry
-
-    def _doubts(self, odometry: Odometry) -> list[str]:
-        """Describe which frames are left out because the motion estimated from the sweeps is doubtful."""
-        if not odometry.doubtful_ns:
-            return []
-        count, first_s = len(odometry.doubtful_ns), (odometry.doubtful_ns[0] - self.bag.start_ns) / NS
-        when = f"at {count:,} of them, first {first_s:.1f} s after the start"
-        left_out = f"frames within {DOUBTFUL_NS / NS:g} s are left out"
-        return [f"the motion estimated from the sweeps is doubtful {when}: {left_out}"]
 
     def _comparison(self, name: str, odometry: Odometry, written: Sequence[WrittenFrame]) -> str:
         """Describe whether the topic of the motion agrees with the sweeps."""
@@ -336,7 +356,7 @@ class _Import:
         )
         not_read = self.topics.points.span.num_messages - num_read
         if not_read > 0:
-            self.left_out["sweeps: between the times that were read"] += not_read
+            self.left_out[NOT_READ] += not_read
         return candidates
 
     @property
@@ -357,25 +377,14 @@ class _Import:
             message = self.video.take(stored) if self.video is not None and is_frame else stored
             needed = self.frame_ids.get(message.topic)
             if message.topic == info:
-                self._check_same(message)
+                check_same(message, self.info, self.bag.start_ns)
             elif self.trajectory is not None and message.topic == poses:
                 self.trajectory.take(message, self.request.by_receipt)
-            elif (frame := _frame_of(message)) is not None and frame != needed:
+            elif (frame := frame_of(message)) is not None and frame != needed:
                 kind = "sweeps" if message.topic == self.topics.points else "images"
                 self.left_out[f"{kind}: found frame {frame!r}, needed {needed!r}"] += 1
             else:
                 yield message
-
-    def _check_same(self, message: Message) -> None:
-        assert self.info is not None
-        try:
-            change = difference(read_camera_info(message), self.info)
-        except MessageError:
-            return
-        if change is not None:
-            seconds = (message.received_ns - self.bag.start_ns) / NS
-            problem = f"found other intrinsics {seconds:.3f} s after the start: {change}"
-            raise InputError(f"{message.topic.name}: {problem}; needed the same throughout")
 
     def _check_clocks(self, pairing: Pairing, count: int) -> None:
         """Detect that the clocks of LiDAR and camera differ, by how late their messages were received."""
@@ -389,10 +398,3 @@ class _Import:
             raise self._no_pair(f"{remark}; try --stamps receive" if are_apart else common[0][0])
         if are_apart:
             self.remarks.append(f"{remark}, judging by when their messages were received")
-
-
-def _frame_of(message: Message) -> str | None:
-    try:
-        return message.frame_id
-    except MessageError:
-        return None

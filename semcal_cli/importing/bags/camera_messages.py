@@ -8,7 +8,7 @@ import numpy as np
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.camera_block import ros_camera
-from semcal_cli.importing.bags.messages import Message
+from semcal_cli.importing.bags.messages import NS, Message, MessageError
 
 CameraInfo: TypeAlias = dict[str, Any]
 """Fields of a CameraInfo without its header: K, R and P by rows, where rectified = R * raw; `roi` is a mapping."""
@@ -69,3 +69,19 @@ def camera_block(info: CameraInfo, topic: str, *, rectified: bool) -> dict[str, 
 def _short(value: object) -> str:
     text = ", ".join(f"{number:g}" for number in value) if isinstance(value, list) else str(value)
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def check_same(message: Message, info: CameraInfo | None, start_ns: int) -> None:
+    """Check that a message has the intrinsics of the first one; a damaged one, or one without a first, says nothing.
+
+    Raises:
+        InputError: it has others; the message says when, after the start of the recording.
+    """
+    try:
+        change = None if info is None else difference(read_camera_info(message), info)
+    except MessageError:
+        return
+    if change is not None:
+        seconds = (message.received_ns - start_ns) / NS
+        problem = f"found other intrinsics {seconds:.3f} s after the start: {change}"
+        raise InputError(f"{message.topic.name}: {problem}; needed the same throughout")

@@ -184,3 +184,11 @@ def _types(is_ros1: bool) -> Any:
             plain = text.replace("builtin_interfaces/Time", "time") if is_ros1 else text
             store.register(get_types_from_msg(plain, name))
     return store
+
+
+def frame_of(message: Message) -> str | None:
+    """Read the frame of a message; None if it is damaged."""
+    try:
+        return message.frame_id
+    except MessageError:
+        return None

@@ -7,21 +7,25 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
+
+import numpy as np
 
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.events import Listener, Progress
 from semcal_cli.formats.camera_block import resized
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import Bayer, image_file
-from semcal_cli.importing.bags.messages import NS, MessageError
+from semcal_cli.importing.bags.messages import NS, Message, MessageError
 from semcal_cli.importing.bags.point_messages import PointTimes, read_sweep
 from semcal_cli.importing.bags.recorded_motion import Trajectory
-from semcal_cli.importing.bags.topics import Topics
+from semcal_cli.importing.bags.stamped_pairs import PATIENCE_NS
+from semcal_cli.importing.bags.topics import BagRequest, Topics
 from semcal_cli.importing.recording import SourceFrame
 from semcal_cli.importing.sweep_odometry import SIGMA, seconds_text
 
@@ -41,11 +45,10 @@ class WrittenFrame(NamedTuple):
 
     @property
     def moments_ns(self) -> list[int]:
-        """The times at which poses are needed: of the image, and of the first and the last point."""
-        points_s, image_s = self.source.points_stamp or 0.0, self.source.image_stamp or 0.0
-        return [
-            round(moment_s * NS) for moment_s in (image_s, *(points_s + end_s for end_s in self.times.ends_s))
-        ]
+        """The times at which poses are needed: of the image, if any, and of the first and the last point."""
+        points_s, image_s = self.source.points_stamp or 0.0, self.source.image_stamp
+        ends_s = [points_s + end_s for end_s in self.times.ends_s]
+        return [round(moment_s * NS) for moment_s in (points_s if image_s is None else image_s, *ends_s)]
 
 
 def write_frames(
@@ -155,13 +158,68 @@ def _write_frame(
         raise MessageError(
             f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state{advice}"
         )
-    points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
+    points = _sweep_file(folder, topics, pair.sweep_ns)
     image = image_folder(folder, topics) / f"{seconds_text(pair.image_ns)}{file.suffix}"
     write(sweep.pcd(), points)
     write(file.content, image)
     stamps = pair.sweep_ns / NS, pair.image_ns / NS
     frame = SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
     return WrittenFrame(frame, sweep.times)
+
+
+def with_sweeps_around(
+    written: Sequence[WrittenFrame],
+    chosen: Sequence[SpooledPair],
+    request: BagRequest,
+    topics: Topics,
+    read_sweeps: Callable[[int, int], Iterator[Message]],
+    folder: Path,
+    on_event: Listener,
+    write: Callable[[bytes, Path], None],
+) -> list[WrittenFrame]:
+    """Write all sweeps within half of `request.around_s` from each frame, and return them and the frames by time.
+
+    Args:
+        written: The frames.
+        chosen: The pairs that the frames were made of, in order of time.
+        request: The user's choices.
+        topics: The topics that they come from.
+        read_sweeps: Function that yields the sweeps that were received from a start to before a stop.
+        folder: Folder of the drive.
+        on_event: Called with each event.
+        write: Writes the content of a file to its path.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    half_ns = round(0.5 * (request.around_s or 0.0) * NS)
+    by_stamp = {round((frame.source.points_stamp or 0.0) * NS): frame for frame in written}
+    middles_ns = np.array([candidate.pair.sweep_ns for candidate in chosen])
+    done_ns, known_ns = 0, {*by_stamp, *middles_ns.tolist()}
+    for number, candidate in enumerate(chosen, start=1):
+        on_event(Progress(f"reading the sweeps around {number:,} of {len(chosen):,} frames"))
+        received_ns = candidate.pair.sweep.received_ns
+        # Messages of one moment are received at different times, and sweeps need poses before and after them.
+        start_ns = max(received_ns - half_ns - PATIENCE_NS, done_ns)
+        done_ns = max(received_ns + half_ns + PATIENCE_NS, done_ns)
+        for message in read_sweeps(start_ns, done_ns):
+            with suppress(MessageError):
+                stamp_ns = message.received_ns if request.by_receipt else message.header_ns
+                if stamp_ns in known_ns or np.abs(middles_ns - stamp_ns).min() > half_ns:
+                    continue
+                sweep, points = (
+                    read_sweep(message, stamp_ns, request.spin),
+                    _sweep_file(folder, topics, stamp_ns),
+                )
+                write(sweep.pcd(), points)
+                source = SourceFrame(points.stem, points, points_stamp=stamp_ns / NS)
+                by_stamp[stamp_ns] = WrittenFrame(source, sweep.times)
+                known_ns.add(stamp_ns)
+    return [by_stamp[stamp_ns] for stamp_ns in sorted(by_stamp)]
+
+
+def _sweep_file(folder: Path, topics: Topics, stamp_ns: int) -> Path:
+    return folder / "points" / _slug(topics.points.name) / f"{seconds_text(stamp_ns)}.pcd"
 
 
 def image_folder(folder: Path, topics: Topics) -> Path:

@@ -69,6 +69,8 @@ class BagRequest:
     """Pattern of images that are mosaics; None for those that the messages name."""
     spin: Spin | None = None
     """How the LiDAR turns, which gives the times of points that have none."""
+    around_s: float | None = None
+    """Also keep all sweeps within half of this time from each frame, without images, seconds."""
 
 
 @dataclass(frozen=True)
