@@ -265,3 +265,64 @@ def test_folders_and_recordings_are_accumulated_when_they_are_imported(
     assert "1 frame, each of 7 sweeps" in unwrapped(result.stderr, 0)
     assert "between the times" not in result.stderr
     assert len(read_drive(tmp_path / "of_bag/sweeps").frames) == 7
+    other = result_of_another(tmp_path / "of_bag")
+    result = invoke("import", "bag", bag, "--accumulate", "0.6", "-o", tmp_path / "of_bag")
+    assert result.exit_code == 1
+    assert "found a drive of other data" in str(result.exception)
+    assert (tmp_path / "of_bag/drive.yaml").read_text() == other
+
+
+def result_of_another(folder: Path) -> str:
+    """Let a folder hold the drive of other data."""
+    document = yaml.safe_load((folder / "drive.yaml").read_text())
+    frames = [{"points": "elsewhere.bin", "image": "elsewhere.png"}]
+    text = yaml.safe_dump(document | {"frames": frames})
+    (folder / "drive.yaml").write_text(text)
+    return text
+
+
+def test_places_one_after_another_get_a_cloud_each(
+    standing: MovingStreet, moving: MovingStreet, tmp_path: Path
+) -> None:
+    """What is before a cloud is not lost: the first place is shorter than half of the time asked for."""
+    path = standing.write(tmp_path / "drive", count=NUM_SWEEPS, images=[1, 2, 8])
+    there = moving.write(tmp_path / "there", count=1, images=[])
+    document = yaml.safe_load(path.read_text())
+    for frame in document["frames"][:4]:
+        frame["points_stamp"] -= 100.0
+        if "image_stamp" in frame:
+            frame["image_stamp"] -= 100.0
+    elsewhere = yaml.safe_load(there.read_text())["frames"][0]
+    elsewhere |= {key: f"../there/{elsewhere[key]}" for key in ("points", "point_labels")}
+    elsewhere["points_stamp"] = document["frames"][4]["points_stamp"] - 0.1
+    path.write_text(yaml.safe_dump(document | {"frames": [*document["frames"], elsewhere]}))
+    result = invoke("accumulate", path, "--seconds", "10", "-o", tmp_path / "dense")
+    assert result.exit_code == 0, result.output
+    drive = read_drive(tmp_path / "dense")
+    assert [Path(str(frame.image)).stem for frame in drive.frames] == ["000002", "000008"]
+    assert "left out 1 more image of the same sweeps" in unwrapped(result.stderr, 0)
+    # Less than a second of the first place does not show that the rig stood.
+    assert drive.motion is None
+
+
+def test_an_interrupted_run_leaves_no_drive_of_two_runs(standing: MovingStreet, tmp_path: Path) -> None:
+    path = standing.write(tmp_path / "drive", count=NUM_SWEEPS, images=[1, 8])
+    assert invoke("accumulate", path, "--sweeps", "5", "-o", tmp_path / "dense").exit_code == 0
+    (path.parent / "000009.pcd").unlink()
+    result = invoke("accumulate", path, "--sweeps", "4", "-o", tmp_path / "dense")
+    assert result.exit_code == 1
+    assert not (tmp_path / "dense/drive.yaml").exists()
+
+
+def test_sweeps_without_intensity_stay_without(standing: MovingStreet, tmp_path: Path) -> None:
+    path = standing.write(tmp_path / "drive", count=3, images=[1])
+    document = yaml.safe_load(path.read_text())
+    for index, frame in enumerate(document["frames"]):
+        standing.sweep(index).points.astype("<f4").tofile(path.parent / f"{index}.bin")
+        frame["points"] = f"{index}.bin"
+    path.write_text(yaml.safe_dump(document | {"point_columns": ["x", "y", "z"]}))
+    result = invoke("accumulate", path, "--sweeps", "3", "-o", tmp_path / "dense")
+    assert result.exit_code == 0, result.output
+    drive = read_drive(tmp_path / "dense")
+    (cloud,) = read_point_clouds([(drive.resolve(drive.frames[0].points), None)], form=drive.point_form)
+    assert cloud.intensity is None

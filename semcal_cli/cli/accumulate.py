@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
 
 DEFAULT_SECONDS = 1.0
+MAX_REASONS = 3
+"""Number of reasons for which frames were left out that are printed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +85,12 @@ def accumulate_into(
         f"a frame has {num_points:,.0f} points; its sweeps fit to {100.0 * done.distance_m:.1f} cm (medians)",
         f"left out {done.share_moving:.1%} of the points, which move, and {done.share_hidden:.1%}, which are hidden",
     )
-    for reason, count in done.left_out.most_common():
+    if done.num_sharing:
+        sharing = f"{counted(done.num_sharing, 'more image')} of the same sweeps: each sweep is in one cloud"
+        terminal.print(*wrapped("note:", f"left out {sharing}", indent=6))
+    rows = done.left_out.most_common()
+    for reason, count in rows[:MAX_REASONS]:
         terminal.print(*wrapped("note:", f"left out {counted(count, 'frame')}: {reason}", indent=6))
+    if others := sum(count for _, count in rows[MAX_REASONS:]):
+        terminal.print(f"note: left out {counted(others, 'frame')} for reasons like these")
     terminal.print(f"next: {after_import(done.drive)}")

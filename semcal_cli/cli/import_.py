@@ -358,6 +358,7 @@ def bag(settings: BagSettings) -> None:
         return
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.lidar import Spin
+    from semcal_cli.importing.accumulated_drive import check_accumulated
     from semcal_cli.importing.bags.bag_import import import_bag
     from semcal_cli.importing.bags.topics import BagRequest
 
@@ -370,7 +371,10 @@ def bag(settings: BagSettings) -> None:
         around_s=settings.accumulate,
     )
     assert settings.output is not None  # by a rule
-    output = settings.output if settings.accumulate is None else _sweeps_drive(settings.output)
+    output = settings.output
+    if settings.accumulate is not None:
+        output = _sweeps_drive(settings.output)
+        check_accumulated(settings.output, output.parent, force=settings.force)
     with settings.terminal() as terminal:
         done = import_bag(request, output, terminal.on_event, force=settings.force)
     if not settings.quiet:
@@ -518,8 +522,14 @@ def folder(settings: FolderSettings) -> None:
         settings.write(read(made_of(Folder, settings)), **labels)
         return
     from semcal_cli.drive.document import read_drive
+    from semcal_cli.importing.accumulated_drive import check_accumulated
 
     recording = read(made_of(Folder, settings, keeps_all=True))
-    written = settings.write(recording, _sweeps_drive(settings.output), keeps_all=True, **labels)
+    sweeps = _sweeps_drive(settings.output)
+    tables = [Path(name) for name in (settings.image_classes, settings.point_classes) if name is not None]
+    images = [frame.image or frame.image_labels for frame in recording.frames]
+    known = [image for image in images if image is not None]
+    check_accumulated(settings.output, sweeps.parent, [*recording.read, *tables], known, force=settings.force)
+    written = settings.write(recording, sweeps, keeps_all=True, **labels)
     drive = read_drive(written.path, settings.max_points)
     accumulate_into(settings.output, drive, settings, num_sweeps=settings.accumulate, force=settings.force)

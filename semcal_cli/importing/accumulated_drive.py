@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,35 @@ class AccumulatedDrive:
     """Median distance of the sweeps from the one with the image, before a motion's rest is corrected."""
     left_out: Counter[str]
     """Number of frames with an image that were left out, by reason."""
+    num_sharing: int
+    """Number of further frames with an image whose sweeps are part of these clouds."""
+
+
+def check_accumulated(
+    out: Path, sweeps: Path, read: Iterable[Path] = (), images: Iterable[Path] = (), *, force: bool
+) -> None:
+    """Check, before sweeps are imported, that the drive that is accumulated from them may be written.
+
+    Args:
+        out: Folder of the accumulated drive, or its drive.yaml.
+        sweeps: Folder of the sweeps and of the images that the import writes.
+        read: Files that the import reads.
+        images: Images of the data that stay where they are.
+        force: Whether a drive.yaml of other data, or any other file in its place, is replaced.
+
+    Raises:
+        InputError: the drive.yaml is one of the files that are read, or is there and is not one of these data.
+    """
+    path, known = output_drive_file(out), set(map(os.path.realpath, images))
+    if os.path.realpath(path) in map(os.path.realpath, read):
+        raise InputError(f"{path}: found a file that this import reads, needed another name")
+    if not force:
+        folder = sweeps.resolve()
+
+        def is_known(file: Path, frame: Frame) -> bool:
+            return os.path.realpath(file) in known or folder in file.resolve().parents
+
+        check_may_replace(path, is_known, of_networks=True)
 
 
 def accumulate_drive(
@@ -79,21 +109,26 @@ def accumulate_drive(
         raise InputError(f"{path}: found the drive to accumulate, needed another -o")
     inputs = {os.path.realpath(drive.resolve(name)) for name in drive.files()}
     if not force:
-        check_may_replace(path, lambda file, frame: os.path.realpath(file) in inputs)
+        check_may_replace(path, lambda file, frame: os.path.realpath(file) in inputs, of_networks=True)
     accumulation = Accumulation(drive, seconds, num_sweeps, on_event)
-    frames, clouds = list[dict[str, Any]](), list[AccumulatedCloud]()
+    frames, clouds = dict[int, dict[str, Any]](), list[AccumulatedCloud]()
     with remove_if_refused() as write:
         for frame, cloud in accumulation.clouds():
-            files = cloud.files(f"{path.stem}/{len(frames):06d}")
+            files = cloud.files(f"{path.stem}/{cloud.place:06d}")
+            if not clouds:
+                path.unlink(missing_ok=True)  # or, if this run ends early, it would name clouds of two runs
             for name, content in files.values():
                 if os.path.realpath(path.parent / name) in inputs:
                     raise InputError(f"{path.parent / name}: found a file of the drive, needed another -o")
                 write(content, path.parent / name)
-            frames.append(_frame(drive, frame, path) | {key: name for key, (name, _) in files.items()})
+            names = {key: name for key, (name, _) in files.items()}
+            frames[cloud.place] = _frame(drive, frame, path) | names
             clouds.append(cloud._replace(points=cloud.points[:0]))
         if not frames:
             raise accumulation.refusal()
-        document = _document(drive, path) | {"frames": frames}
+        document = _document(drive, path) | {"frames": [frames[place] for place in sorted(frames)]}
+        if not accumulation.has_intensity:
+            document["point_columns"] = ["x", "y", "z"]
         if all(cloud.stood for cloud in clouds):
             document["motion"] = {"speed_m_s": 0.0}
         accumulated = validate(Drive, document, path)
@@ -108,6 +143,7 @@ def accumulate_drive(
         sum(cloud.num_hidden for cloud in clouds) / num_read,
         float(np.median([cloud.distance_m for cloud in clouds])),
         accumulation.left_out,
+        accumulation.num_sharing,
     )
 
 

@@ -7,7 +7,7 @@ twist. Nothing is taken on trust: the surfaces of each sweep have to lie on thos
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,8 +28,12 @@ from semcal_cli.observations.point_times import checked_times
 
 MAX_STANDING_M, MAX_STANDING_DEG = 0.02, 0.2
 """How far sweeps of a rig that stands may seem to be apart: the range noise of a Livox Mid-360, 2 cm at 10 m, and about
-its 0.15 degrees (its data sheet). Sweeps of 4,000 points in a synthetic street seem to be up to 0.8 cm and 0.14 degrees
-apart, those of 10,000 points half of that."""
+its 0.15 degrees (its data sheet). In a synthetic street, sweeps of 9,000 points seem to be up to 1.3 cm and 0.08
+degrees apart, and of pairs with 3,700 points 4 % are beyond the limits."""
+MIN_STANDING_S = 1.0
+"""A rig stands if sweeps over this time are within these limits: it then moves by less than 2 cm/s."""
+MAX_MISFITS = 2
+"""A cloud ends where so many sweeps in a row do not fit: a single one may seem to be apart by chance."""
 MAX_CORRECTION_M, MAX_CORRECTION_DEG = 0.3, 1.0
 """How far a sweep may be from where a motion puts it, to be moved the rest of the way onto the surfaces. Larger
 displacements are not found for certain, and show a wrong motion."""
@@ -37,8 +41,6 @@ MIN_SHARE_NEAR = 0.5
 """Smallest share of the points, along any direction, that lie on the surfaces of the sweep with the image. It is 0.56
 to 0.77 on three drives of KITTI raw at 7 to 9 m/s by their poses, up to 0.4 s apart, and without them at most 0.42
 where a displacement within the limits is found."""
-
-
 NEEDED_MOTION = "needed the motion: `semcal odometry` estimates it, or --odometry at import"
 
 
@@ -46,7 +48,7 @@ class AccumulatedCloud(NamedTuple):
     """The sweeps of one frame as one cloud."""
 
     points: Points
-    """(N, 4) x, y, z in metres in the LiDAR frame at `points_stamp`, and the intensity, 0 where unknown."""
+    """(N, 3 or 4) x, y, z in metres in the LiDAR frame at `points_stamp`, and the intensity, if sweeps have one."""
     labels: RawIds | None
     """(N,) ids of the points."""
     num_points: int
@@ -56,7 +58,9 @@ class AccumulatedCloud(NamedTuple):
     num_hidden: int
     distance_m: float
     stood: bool
-    """Whether the rig stood still, also when the image was taken."""
+    """Whether the rig stood still for a while, also when the image was taken."""
+    place: int
+    """Place of the image's sweep among all."""
 
     def files(self, name: str) -> dict[str, tuple[str, bytes]]:
         """Return the names and the contents of its files, by their keys in a drive.yaml."""
@@ -92,6 +96,10 @@ class Accumulation:
         self.drive, self.on_event = drive, on_event
         self.left_out: Counter[str] = Counter()
         """Number of frames with an image whose sweep fits no other, by reason."""
+        self.num_sharing = 0
+        """Number of frames with an image whose sweep became part of another one's cloud."""
+        self.has_intensity: bool | None = None
+        """Whether sweeps have intensities; None before the first is read."""
         lidar = drive.lidar
         self._origin_m = np.array((0.0, 0.0, 0.0) if lidar is None else lidar.origin_m)
         """(3,) where the rays of a sweep start, metres, LiDAR frame."""
@@ -106,24 +114,29 @@ class Accumulation:
         self._sweeps, self._places, self._length = self._in_order(seconds, num_sweeps)
 
     def clouds(self) -> Iterator[tuple[Frame, AccumulatedCloud]]:
-        """Yield the cloud of each frame with an image that is kept, in order of time."""
+        """Yield the cloud of each frame with an image that is kept, and the frame."""
         place_of = {frame.points: place for place, frame in enumerate(self._sweeps)}
         images = [frame for frame in self.drive.frames if frame.image or frame.image_labels]
         if not images:
             raise InputError(f"{self.drive.path}: found no frame with an image or label image, needed one")
-        left = sorted(images, key=lambda frame: place_of[frame.points])
-        start = 0
-        while left:
+        places = sorted((place_of[frame.points], index) for index, frame in enumerate(images))
+        free = [(0, len(self._sweeps))]
+        while free:
+            start, stop = free.pop()
+            left = [(place, index) for place, index in places if start <= place < stop]
+            if not left:
+                continue
             # The image nearest to the middle of the sweeps that follow has as many of them before it as after.
             middle = self._places[start] + 0.5 * self._length
-            key = min(left, key=lambda frame: abs(self._places[place_of[frame.points]] - middle))
-            place = place_of[key.points]
+            place, index = min(left, key=lambda image: abs(self._places[image[0]] - middle))
             self.on_event(Progress(f"accumulating: {place:,} of {len(self._sweeps):,} sweeps"))
-            end, sweeps = self._around(place, start)
-            if sweeps:
-                yield key, self._merged(key, sweeps)
-            start = end
-            left = [frame for frame in left if place_of[frame.points] >= start]
+            fitted = self._around(place, start, stop)
+            # What is before the cloud comes next, then what is after it.
+            free += [(max(fitted, default=place) + 1, stop), (start, min(fitted, default=place))]
+            if fitted:
+                taken = [image for image, _ in left if min(fitted) <= image <= max(fitted)]
+                self.num_sharing += len(taken) - 1
+                yield images[index], self._merged(images[index], place, fitted)
 
     def refusal(self) -> InputError:
         """Make the error of a drive no two of whose sweeps can be put together."""
@@ -148,11 +161,11 @@ class Accumulation:
         assert seconds is not None
         return sweeps, [_stamp_s(frame) for frame in sweeps], seconds
 
-    def _around(self, place: int, start: int) -> tuple[int, list[_Sweep]]:
-        """Put the sweeps nearest to one of them together with it, none of them before `start`.
+    def _around(self, place: int, start: int, stop: int) -> dict[int, _Sweep]:
+        """Put the sweeps nearest to one of them together with it, of those from `start` on and before `stop`.
 
         Returns:
-            The place after them, and the sweeps in order; none if no other fits.
+            The sweeps by their places; none if no other fits.
         """
         key = self._sweeps[place]
         cloud = self._read(key)
@@ -160,43 +173,41 @@ class Accumulation:
             own = self._moved(key, cloud, key)
         except _MisfitError as misfit:
             self.left_out[str(misfit)] += 1
-            return place + 1, []
+            return {}
         surfaces = Surfaces(own.points)
         if self._motion is None and not surfaces.fix_a_position:
             self.left_out[
                 f"found {Path(key.points).name}, whose surfaces do not face all directions, so that they cannot show "
                 f"that the rig stands, {NEEDED_MOTION}"
             ] += 1
-            return place + 1, []
-        found, misfits = {place: own}, list[str]()
+            return {}
+        fitted, misfits = {place: own}, dict[int, list[str]]({-1: [], 1: []})
         sides = {-1: place - 1, 1: place + 1}
         while sides:
-            step = min(sides, key=lambda step: self._distance(sides, step, place, start))
+            step = min(sides, key=lambda step: self._distance(sides[step], place, start, stop))
             other = sides[step]
-            span = self._span([*found, other]) if start <= other < len(self._sweeps) else np.inf
+            span = self._span([*fitted, other]) if start <= other < stop else np.inf
             if span > self._length * (1.0 + 1e-9) + 1e-6:
                 del sides[step]
                 continue
+            sides[step] = other + step
             try:
-                found[other] = self._fitted(self._sweeps[other], key, surfaces, cloud)
-                sides[step] = other + step
+                fitted[other] = self._fitted(self._sweeps[other], key, surfaces, cloud)
+                misfits[step].clear()
             except _MisfitError as misfit:
-                misfits.append(str(misfit))
-                del sides[step]
-        if len(found) == 1:
-            reason = (
-                misfits[0]
-                if misfits
-                else f"found no other sweep near {Path(key.points).name} in time, needed sweeps that follow one another"
-            )
-            self.left_out[reason] += 1
-            return place + 1, []
-        return max(found) + 1, [found[other] for other in sorted(found)]
+                misfits[step].append(str(misfit))
+                if len(misfits[step]) == MAX_MISFITS:
+                    del sides[step]
+        if len(fitted) == 1:
+            reasons = [*misfits[-1], *misfits[1]]
+            none = f"found no other sweep near {Path(key.points).name} in time, needed more seconds or more sweeps"
+            self.left_out[reasons[0] if reasons else none] += 1
+            return {}
+        return {other: fitted[other] for other in sorted(fitted)}
 
-    def _distance(self, sides: dict[int, int], step: int, place: int, start: int) -> float:
-        """Return how far the next sweep of a side is from the sweep at a place; infinite where there is none."""
-        other = sides[step]
-        if not start <= other < len(self._sweeps):
+    def _distance(self, other: int, place: int, start: int, stop: int) -> float:
+        """Return how far a sweep is from the one at a place; infinite where there is none."""
+        if not start <= other < stop:
             return np.inf
         return abs(self._places[other] - self._places[place])
 
@@ -209,6 +220,12 @@ class Accumulation:
         (cloud,) = read_point_clouds([(file, labels)], self.drive.max_points, self.drive.point_form)
         if cloud.label_shares is not None:
             raise InputError(f"{labels}: found probabilities of classes, needed ids to accumulate")
+        has_intensity = cloud.intensity is not None
+        if self.has_intensity is None:
+            self.has_intensity = has_intensity
+        if has_intensity != self.has_intensity:
+            known = "an intensity" if has_intensity else "no intensity"
+            raise InputError(f"{file}: found {known}, unlike in other sweeps, needed one in all or in none")
         return cloud
 
     def _fitted(self, frame: Frame, key: Frame, surfaces: Surfaces, of_key: SweepCloud) -> _Sweep:
@@ -269,22 +286,22 @@ class Accumulation:
             points = trajectory.compensate(cloud.points, times_s, end_s)
             T = displacement(trajectory, end_s, 0.5 * float(times_s.min() + times_s.max()))
         except ValueError as error:
-            file = self.drive.resolve(motion.poses or "")
-            raise _MisfitError(f"{file}: {error}, needed poses before and after {frame.points}") from None
+            raise _MisfitError(f"motion: {error}, needed poses before and after {frame.points}") from None
         return _Sweep(frame, cloud, points, T[:3, :3] @ self._origin_m + T[:3, 3], 0.0)
 
-    def _merged(self, key: Frame, sweeps: Sequence[_Sweep]) -> AccumulatedCloud:
+    def _merged(self, key: Frame, place: int, fitted: Mapping[int, _Sweep]) -> AccumulatedCloud:
         """Put sweeps together, without what moves, and without what the key's own origin does not see."""
+        sweeps = list(fitted.values())
         points, origins = [sweep.points for sweep in sweeps], [sweep.origin_m for sweep in sweeps]
         num_read = sum(map(len, points))
         if num_read > self.drive.max_points:
             raise InputError(
                 f"{self.drive.path}: found {num_read:,} points of {len(sweeps):,} sweeps, needed at most "
-                f"{self.drive.max_points:,}: accumulate fewer sweeps, or see --max-points"
+                f"{self.drive.max_points:,}: accumulate fewer sweeps"
             )
-        rows = np.hstack(
-            [np.concatenate(points), np.concatenate([_intensity(sweep.cloud) for sweep in sweeps])]
-        )
+        rows = np.concatenate(points).astype(np.float32)
+        if self.has_intensity:
+            rows = np.hstack([rows, np.concatenate([_intensity(sweep.cloud) for sweep in sweeps])])
         labels = None
         if sweeps[0].cloud.labels is not None:
             labels = np.concatenate([sweep.cloud.labels for sweep in sweeps])
@@ -302,20 +319,19 @@ class Accumulation:
             num_moving,
             num_read - num_moving - len(rows),
             float(np.median([sweep.distance_m for sweep in sweeps])),
-            self._motion is None and self._covers(key, sweeps),
+            self._motion is None and self._stood(key, sweeps),
+            place,
         )
 
-    def _covers(self, key: Frame, sweeps: Sequence[_Sweep]) -> bool:
-        """Return whether an image was taken between the first and the last sweep, or with its own if stamps lack."""
+    def _stood(self, key: Frame, sweeps: Sequence[_Sweep]) -> bool:
+        """Return whether sweeps that lie on one another are of a long enough time, and the image was taken in it."""
         stamps_s = [sweep.frame.points_stamp for sweep in sweeps]
         known_s = [stamp_s for stamp_s in stamps_s if stamp_s is not None]
-        if key.image_stamp is None or len(known_s) < len(stamps_s):
-            return True
-        return (
-            min(known_s)
-            <= key.image_stamp + self.drive.time_offset_s
-            <= max(known_s) + (self.drive.sweep_gap_s or 0.0)
-        )
+        if len(known_s) < len(stamps_s) or max(known_s) - min(known_s) < MIN_STANDING_S:
+            return False
+        image_s = key.points_stamp if key.image_stamp is None else key.image_stamp + self.drive.time_offset_s
+        assert image_s is not None
+        return min(known_s) <= image_s <= max(known_s) + (self.drive.sweep_gap_s or 0.0)
 
 
 def _stamp_s(frame: Frame) -> float:
@@ -324,7 +340,6 @@ def _stamp_s(frame: Frame) -> float:
 
 
 def _intensity(cloud: SweepCloud) -> Values:
-    """Return the intensities (N, 1) of a sweep, 0 where unknown."""
-    if cloud.intensity is None:
-        return np.zeros((len(cloud.points), 1), np.float32)
+    """Return the intensities (N, 1) of a sweep that has them."""
+    assert cloud.intensity is not None
     return cloud.intensity.astype(np.float32)[:, None]

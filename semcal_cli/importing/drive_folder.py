@@ -101,12 +101,15 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
     return WrittenDrive(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)), drive)
 
 
-def check_may_replace(path: Path, is_known: Callable[[Path, Frame], bool]) -> None:
+def check_may_replace(
+    path: Path, is_known: Callable[[Path, Frame], bool], *, of_networks: bool = False
+) -> None:
     """Check that a drive.yaml may be written: there is none, or one that an import of the same data wrote.
 
     Args:
         path: The drive.yaml.
         is_known: Whether a frame of the old drive belongs to the data, by its image, or its sweep without an image.
+        of_networks: Whether a drive with labels of networks may be replaced, as its source has them, too.
 
     Raises:
         InputError: there is another file.
@@ -117,7 +120,7 @@ def check_may_replace(path: Path, is_known: Callable[[Path, Frame], bool]) -> No
     with suppress(InputError):
         old, description = read_drive(path), "a drive of other data"
         names = [frame.image or frame.image_labels or frame.points for frame in old.frames]
-        if old.networks is not None:
+        if old.networks is not None and not of_networks:
             description = "a drive with labels of networks"
         elif any(is_known(old.resolve(name), frame) for name, frame in zip(names, old.frames, strict=True)):
             return

@@ -127,8 +127,9 @@ def read(folder: Folder) -> Recording:
             name=stem(cloud),
             points=cloud,
             point_labels=point_labels.of_cloud.get(cloud),
-            image_labels=image_labels.of_cloud.get(cloud),
-            image=images.of_cloud.get(cloud),
+            # A cloud without one of two partners gets none of them: it is a sweep without an image.
+            image_labels=image_labels.of_cloud.get(cloud) if cloud in image_partners.of_cloud else None,
+            image=images.of_cloud.get(cloud) if cloud in image_partners.of_cloud else None,
             points_stamp=stamps.get(cloud),
             image_stamp=image_partners.stamps_s.get(image_partners.of_cloud[cloud])
             if cloud in image_partners.of_cloud
