@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
 
 DEFAULT_SECONDS = 1.0
+MAX_SWEEPS, MAX_SECONDS = 100_000, 3600.0
+"""Largest numbers of sweeps and of seconds that become one cloud."""
 MAX_REASONS = 3
 """Number of reasons for which frames were left out that are printed."""
 
@@ -31,11 +33,11 @@ class AccumulateSettings(DriveSettings):
     seconds: float | None = option(
         f"Put the sweeps of S seconds together; {DEFAULT_SECONDS:g} if neither this nor --sweeps is given.",
         above=0.0,
-        maximum=3600.0,
+        maximum=MAX_SECONDS,
         metavar="S",
     )
     num_sweeps: int | None = option(
-        "Put N sweeps together.", "--sweeps", minimum=2, maximum=100_000, metavar="N"
+        "Put N sweeps together.", "--sweeps", minimum=2, maximum=MAX_SWEEPS, metavar="N"
     )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 

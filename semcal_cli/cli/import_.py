@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 
-from semcal_cli.cli.accumulate import accumulate_into
+from semcal_cli.cli.accumulate import MAX_SECONDS, MAX_SWEEPS, accumulate_into
 from semcal_cli.cli.options import FrameSlice, QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from semcal_cli.importing.drive_folder import WrittenDrive
     from semcal_cli.importing.recording import Recording
 
-MAX_ACCUMULATED, MAX_ACCUMULATED_S = 100_000, 3600.0
-"""Largest numbers of sweeps and of seconds that become one cloud."""
 MAX_REASONS = 10
 """Largest number of printed reasons for leaving something out."""
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
@@ -331,7 +329,7 @@ class BagSettings(QuietSettings):
         "Make a dense cloud for each image of the sweeps of SECONDS around it, as `semcal accumulate` does; the sweeps "
         "are kept in the folder sweeps beside it.",
         above=0.0,
-        maximum=MAX_ACCUMULATED_S,
+        maximum=MAX_SECONDS,
         metavar="SECONDS",
     )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
@@ -489,7 +487,7 @@ class FolderSettings(ImportSettings):
         "Make a dense cloud for each image of the N sweeps around it, as `semcal accumulate` does; clouds without an "
         "image count.",
         minimum=2,
-        maximum=MAX_ACCUMULATED,
+        maximum=MAX_SWEEPS,
         metavar="N",
     )
 
