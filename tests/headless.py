@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from selenium import webdriver
 
 ANSWER_S = 60
-"""A browser that answers nothing for so long hangs: its software renderer does, rarely, on a busy machine."""
+"""A browser that answers nothing for so long hangs, seconds. Selenium waits for two minutes."""
 
 
 def missing() -> str:

@@ -100,10 +100,13 @@ def accumulate_drive(
         force: Whether a drive.yaml of other data, or any other file in its place, is replaced.
 
     Raises:
+        ValueError: both lengths are given, or neither.
         InputError: the rig moves and the drive has no poses and no twist, or these do not fit the sweeps; no frame has
             an image; stamps are missing; a file cannot be read or written; or the drive.yaml is there and is not one of
             these data.
     """
+    if (seconds is None) == (num_sweeps is None):
+        raise ValueError("found seconds and num_sweeps both or neither, needed one of them")
     path = output_drive_file(out)
     if is_same_file(path, drive.path):
         raise InputError(f"{path}: found the drive to accumulate, needed another -o")
