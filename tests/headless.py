@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from selenium import webdriver
 
 ANSWER_S = 60
-"""A browser that answers nothing for so long hangs, seconds. Selenium waits for two minutes."""
+"""A browser that answers nothing for so long hangs, seconds. Selenium waits for ever if not told otherwise."""
 
 
 def missing() -> str:
