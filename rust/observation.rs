@@ -41,6 +41,8 @@ pub struct Frame {
     pub weight: f32,
     /// Number of the scene that the frame shows, if others show it, too: they are no further evidence.
     pub scene: Option<u32>,
+    /// Class of points that only count when a pose is polished: see [`crate::alignment`].
+    pub plain_class: Option<u8>,
 }
 
 impl Frame {
@@ -50,11 +52,12 @@ impl Frame {
         Self {
             points: Arc::new(points.into()),
             point_classes: point_classes.into(),
-            image: Arc::new(LabelPyramid::new(image_classes.into(), None)),
+            image: Arc::new(LabelPyramid::new(image_classes.into(), None, None)),
             point_shares: None,
             partitions: None,
             weight: 1.0,
             scene: None,
+            plain_class: None,
         }
     }
 }

@@ -205,13 +205,16 @@ class LabelledCloud:
         classes: NDArray[np.uint8],
         shares: ClassShares | None = None,
         partitions: Partitions | None = None,
+        plain_class: int | None = None,
     ) -> LabelledCloud: ...
 
 @final
 class LabelledImage:
     """A label image (H, W), copied once and shared by all observations made with it."""
 
-    def __new__(cls, classes: NDArray[np.uint8], shares: ClassShares | None) -> LabelledImage: ...
+    def __new__(
+        cls, classes: NDArray[np.uint8], shares: ClassShares | None = None, blur_px: float | None = None
+    ) -> LabelledImage: ...
 
 @final
 class Observations:

@@ -12,15 +12,11 @@ use nalgebra::{DMatrix, DVector, Isometry3};
 use super::level::Level;
 use super::newton::{NewtonResult, PenalisedInformation, unit_steps};
 use super::projection::Neighbourhood;
-use super::sample::Counted;
 use super::selection::{Selection, in_view};
 use super::variables::{Estimate, Variables};
 use crate::error::Result;
 use crate::observation::Observations;
 
-/// Points at least this many blocks inside one class are summed up once. A round that moves them farther is
-/// followed by another one, which chooses them again.
-pub(super) const CONSTANT_RADIUS: usize = 2;
 /// Curvature is recomputed if the last round moved the points by more blocks than this.
 const CURVATURE_HOLDS: f64 = 0.3;
 /// All levels but the last end when a round moves the points by fewer blocks than this.
@@ -164,7 +160,7 @@ impl<'a> JointAscent<'a> {
     fn round(&mut self, level: &Level, is_stale: bool, tolerance: f64) -> Result<Option<Round>> {
         let Self { observations, variables, config, .. } = *self;
         let anchor = self.estimate.clone();
-        let Selection { moving, constant } = level.select(&anchor.pose, Counted::Visible, CONSTANT_RADIUS);
+        let Selection { moving, constant } = level.select_for_newton(&anchor.pose);
         let near = Neighbourhood::new(variables, &anchor)?;
         // The pose alone has its own motions, those of the ascents that led here.
         let steps = if variables.count() == 6 {

@@ -141,3 +141,19 @@ fn points_amid_one_class_are_summed_up_once() {
     assert!((whole.mutual_information() - split.mutual_information()).abs() < 1e-12);
     assert!((whole_gradient - split_gradient).norm() < 1e-9);
 }
+
+#[test]
+fn plain_points_are_counted_and_pull_nothing() {
+    let mut observations = (*scene(0.3)).clone();
+    observations.frames[0].plain_class = Some(1);
+    let (level, pose) = (Level::new(Arc::new(observations), &[], 1, usize::MAX), Isometry3::identity());
+    let all = level.samples(&pose, Counted::Visible);
+    let Selection { moving, constant } = level.select_for_newton(&pose);
+    assert!(all.iter().any(|sample| sample.class == 1) && !moving.is_empty());
+    assert!(moving.iter().all(|sample| sample.class != 1));
+    let here = level.projection(&pose);
+    let whole = level.joint(&all, &here);
+    let (split, _) = level.joint_and_gradient(&moving, &constant, &here);
+    let apart = whole.weights.iter().zip(&split.weights).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f64::max) < 1e-3);
+}

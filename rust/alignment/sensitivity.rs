@@ -12,11 +12,10 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector, Isometry3, Point2};
 use rayon::prelude::*;
 
-use super::joint::CONSTANT_RADIUS;
 use super::level::Level;
 use super::newton::{HALF_WIDTH, unit_steps};
 use super::projection::{MAX_WIDTH, Neighbourhood, Projection};
-use super::sample::{Counted, Sample, Weights};
+use super::sample::{Sample, Weights};
 use super::selection::{Selection, in_view};
 use super::slopes::{Slopes, Split};
 use super::variables::{Estimate, Variables};
@@ -65,7 +64,7 @@ pub fn sensitivity(
     config: &SensitivityConfig,
 ) -> Option<Sensitivity> {
     let level = Level::new(in_view(observations, &[*pose]), &[*pose], config.factor, config.max_points);
-    let Selection { moving: mut samples, constant } = level.select(pose, Counted::Visible, CONSTANT_RADIUS);
+    let Selection { moving: mut samples, constant } = level.select_for_newton(pose);
     level.as_shares_of_classes(&mut samples, pose);
     let anchor = Estimate { pose: *pose, camera: observations.camera.clone(), offset_s: 0.0 };
     let near = Neighbourhood::new(variables, &anchor).ok()?;
@@ -215,6 +214,7 @@ impl Problem<'_> {
 mod tests {
     use nalgebra::Vector6;
 
+    use super::super::sample::Counted;
     use super::super::test_scene::scene;
     use super::*;
     use geometry::camera::Intrinsic;

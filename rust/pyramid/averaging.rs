@@ -6,6 +6,9 @@ use crate::label_image::LabelImage;
 /// Weight, out of 255, of pixels in the band along class borders.
 pub(super) const FAINT_AMOUNT: u8 = 26;
 
+/// Reach of a Gaussian, standard deviations.
+const REACH: f64 = 3.0;
+
 /// The shares of a pixel of each class: with full weight, or with the low weight of the band.
 pub(super) static WHOLE: [Share; NO_CLASS as usize] = pixels_of(u8::MAX);
 pub(super) static FAINT: [Share; NO_CLASS as usize] = pixels_of(FAINT_AMOUNT);
@@ -38,9 +41,28 @@ impl Averaged {
         self.shares.push_with(|_| {});
     }
 
+    fn push_none(&mut self) {
+        self.only.push(NO_CLASS);
+        self.shares.push_with(|_| {});
+    }
+
     /// Adds a block from the tally of its pixels.
     fn push_tally(&mut self, tally: &mut Tally, num_pixels: usize) {
         self.shares.push_with(|entries| tally.drain_into(entries, num_pixels));
+        self.push_only();
+    }
+
+    /// Adds a block whose classes `0..sums.len()` have shares in proportion to finite sums.
+    fn push_proportional(&mut self, sums: &[f32]) {
+        let scale = f32::from(u8::MAX) / sums.iter().sum::<f32>();
+        let amounts =
+            sums.iter().zip(0u8..).map(|(sum, class)| Share { class, amount: (sum * scale).round() as u8 });
+        self.shares.push_with(|entries| entries.extend(amounts.filter(|share| share.amount > 0)));
+        self.push_only();
+    }
+
+    /// Notes the class of the block whose shares were added last.
+    fn push_only(&mut self) {
         let only = match self.shares.at(self.only.len()) {
             [share] if share.amount == u8::MAX => share.class,
             _ => NO_CLASS,
@@ -82,6 +104,53 @@ pub(super) fn averaged_classes(image: &LabelImage<u8>, only: &[u8], factor: usiz
         }
     }
     blocks
+}
+
+/// Averages over a Gaussian around each pixel, cut off at three standard deviations. Pixels of no class do not count,
+/// and keep none.
+pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Averaged {
+    let (width, height) = (image.width, image.height);
+    let classes = || image.ids.iter().filter(|&&class| class != NO_CLASS);
+    let num_classes = classes().max().map_or(0, |&class| usize::from(class) + 1);
+    let reach = (REACH * sigma_px).ceil() as usize;
+    let weight = |offset: usize| (-0.5 * (offset as f64 / sigma_px).powi(2)).exp() as f32;
+    let kernel: Vec<f32> = (0..=reach).map(weight).collect();
+    // Sums along the lines around the current one, each in the place of its number modulo their count.
+    let mut lines = vec![vec![0.0_f32; num_classes * width]; 2 * reach + 1];
+    let mut next_line = 0;
+    let mut blocks = Averaged::of(width * height);
+    let mut sums = vec![0.0_f32; num_classes * width];
+    for row in 0..height {
+        let (first, end) = (row.saturating_sub(reach), (row + reach + 1).min(height));
+        for below in next_line..end {
+            let line = &mut lines[below % (2 * reach + 1)];
+            blur_along(&image.ids[below * width..][..width], &kernel, num_classes, line);
+        }
+        next_line = end;
+        sums.fill(0.0);
+        for near in first..end {
+            let (weight, line) = (kernel[near.abs_diff(row)], &lines[near % (2 * reach + 1)]);
+            sums.iter_mut().zip(line).for_each(|(sum, x)| *sum += weight * x);
+        }
+        for (column, &class) in image.ids[row * width..][..width].iter().enumerate() {
+            if class == NO_CLASS {
+                blocks.push_none();
+            } else {
+                blocks.push_proportional(&sums[column * num_classes..][..num_classes]);
+            }
+        }
+    }
+    blocks
+}
+
+/// Sums of each class under a kernel at the pixels of a line, a pixel's classes after one another.
+fn blur_along(ids: &[u8], kernel: &[f32], num_classes: usize, sums: &mut [f32]) {
+    sums.fill(0.0);
+    for (column, &class) in ids.iter().enumerate().filter(|(_, class)| **class != NO_CLASS) {
+        for near in column.saturating_sub(kernel.len() - 1)..(column + kernel.len()).min(ids.len()) {
+            sums[near * num_classes + usize::from(class)] += kernel[near.abs_diff(column)];
+        }
+    }
 }
 
 /// Averages class shares of each pixel, given by a network, over blocks.

@@ -20,6 +20,9 @@ pub struct LabelPyramid {
     /// Class shares of each pixel, if a network gave them; `classes` then holds the largest. A pixel without a
     /// class carries no information, whatever its shares.
     pub shares: Option<Arc<ClassShares>>,
+    /// Standard deviation, pixels, of the Gaussian by which classes without borders, such as levels of a gradient, are
+    /// blurred at full resolution. There is no band along the borders of such classes.
+    blur_px: Option<f64>,
     levels: Mutex<Levels>,
 }
 
@@ -35,8 +38,8 @@ struct Level {
 }
 
 impl LabelPyramid {
-    pub fn new(classes: Arc<LabelImage<u8>>, shares: Option<Arc<ClassShares>>) -> Self {
-        Self { classes, shares, levels: Mutex::default() }
+    pub fn new(classes: Arc<LabelImage<u8>>, shares: Option<Arc<ClassShares>>, blur_px: Option<f64>) -> Self {
+        Self { classes, shares, blur_px, levels: Mutex::default() }
     }
 
     /// The level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap`]. It
@@ -47,10 +50,17 @@ impl LabelPyramid {
         if let Some(map) = level.map.upgrade() {
             return map;
         }
-        let map = Arc::new(match &self.shares {
-            Some(shares) => ShareMap::of_shares(&self.classes, shares, factor),
-            None if factor == 1 => ShareMap::of_pixels(&self.classes, edge_band_px),
-            None => ShareMap::of_blocks(&self.classes, &self.level(1, edge_band_px), factor),
+        let map = Arc::new(match (&self.shares, self.blur_px) {
+            (Some(shares), _) => ShareMap::of_shares(&self.classes, shares, factor),
+            (None, Some(blur_px)) if factor == 1 && blur_px > 0.0 => {
+                ShareMap::blurred(&self.classes, blur_px)
+            }
+            (None, Some(_)) => {
+                let pixels = ShareMap::of_pixels(&self.classes, 0);
+                if factor == 1 { pixels } else { ShareMap::of_blocks(&self.classes, &pixels, factor) }
+            }
+            (None, None) if factor == 1 => ShareMap::of_pixels(&self.classes, edge_band_px),
+            (None, None) => ShareMap::of_blocks(&self.classes, &self.level(1, edge_band_px), factor),
         });
         *level = Level { map: Arc::downgrade(&map), _kept: (factor == 1).then(|| Arc::clone(&map)) };
         map
@@ -68,7 +78,7 @@ mod tests {
     #[test]
     fn a_level_is_made_once_while_it_is_used_and_the_finest_one_is_kept() {
         let image = LabelImage { width: 4, height: 2, ids: vec![0, 0, 1, 1, 0, 0, 1, 1] };
-        let pyramid = LabelPyramid::new(Arc::new(image), None);
+        let pyramid = LabelPyramid::new(Arc::new(image), None, None);
         let level = pyramid.level(2, 0);
         assert!(Arc::ptr_eq(&level, &pyramid.level(2, 0)));
         assert!(!Arc::ptr_eq(&level, &pyramid.level(2, 1)));

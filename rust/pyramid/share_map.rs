@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::averaging::{Averaged, FAINT, FAINT_AMOUNT, WHOLE, amounts, averaged_classes, averaged_shares};
+use super::averaging::{
+    Averaged, FAINT, FAINT_AMOUNT, WHOLE, amounts, averaged_classes, averaged_shares, blurred_classes,
+};
 use super::sampled::{Sampled, Shares};
 use crate::classes::{ClassShares, NO_CLASS, Share};
 use crate::label_image::LabelImage;
@@ -87,6 +89,11 @@ impl ShareMap {
             *amount = if *amount == u8::MAX { class } else { NO_CLASS };
         }
         Self::new(image, 1, Blocks::Banded { image: Arc::clone(image), only })
+    }
+
+    /// The mean classes of pixels under a Gaussian with a standard deviation of `sigma_px`.
+    pub fn blurred(image: &LabelImage<u8>, sigma_px: f64) -> Self {
+        Self::averaged(image, 1, blurred_classes(image, sigma_px))
     }
 
     /// The mean classes of blocks of `factor x factor` pixels, weighted as in the `finest` map.
@@ -237,6 +244,26 @@ mod tests {
         let mut classes = [0.0; 2];
         map.at(&Point2::new(3.5, 0.0)).add_to(&mut classes, 1.0);
         assert_eq!(classes, [0.5, 0.5]);
+    }
+
+    #[test]
+    fn a_blur_mixes_the_classes_under_a_gaussian() {
+        // Two columns of each class, and one of none, which the blur neither fills nor counts.
+        let line = [0, 0, 1, 1, NO_CLASS];
+        let image = LabelImage { width: 5, height: 3, ids: line.repeat(3) };
+        let map = ShareMap::blurred(&image, 1.0);
+        let weight = |offset: i32| (-0.5 * f64::from(offset * offset)).exp();
+        for column in 0..4 {
+            let of_class = |class: u8| {
+                let columns = (0..4).filter(|&near: &i32| line[near as usize] == class);
+                columns.map(|near| weight(near - column)).sum::<f64>()
+            };
+            let mut classes = [0.0; 2];
+            map.at(&Point2::new(f64::from(column), 1.0)).add_to(&mut classes, 1.0);
+            let expected = of_class(0) / (of_class(0) + of_class(1));
+            assert!((classes[0] - expected).abs() < 0.01, "{column}: {classes:?}, {expected}");
+        }
+        assert_eq!(map.at(&Point2::new(4.0, 1.0)).total(), 0.0);
     }
 
     #[test]

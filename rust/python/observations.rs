@@ -24,23 +24,26 @@ pub(super) struct PyLabelledCloud {
     classes: Arc<Vec<u8>>,
     shares: Option<Arc<ClassShares>>,
     partitions: Option<Arc<Partitions>>,
+    plain_class: Option<u8>,
 }
 
 #[pymethods]
 impl PyLabelledCloud {
     #[new]
-    #[pyo3(signature = (points, classes, shares=None, partitions=None))]
+    #[pyo3(signature = (points, classes, shares=None, partitions=None, plain_class=None))]
     fn new(
         points: PyReadonlyArray2<f32>,
         classes: PyReadonlyArray1<u8>,
         shares: Option<&PyClassShares>,
         partitions: Option<&PyPartitions>,
+        plain_class: Option<u8>,
     ) -> PyResult<Self> {
         Ok(Self {
             points: Arc::new(rows("points", &points)?.into()),
             classes: Arc::new(classes.as_array().to_vec()),
             shares: shares.map(|shares| Arc::clone(&shares.0)),
             partitions: partitions.map(|partitions| Arc::clone(&partitions.0)),
+            plain_class,
         })
     }
 }
@@ -64,9 +67,10 @@ pub(super) struct PyLabelledImage {
 #[pymethods]
 impl PyLabelledImage {
     #[new]
-    fn new(classes: PyReadonlyArray2<u8>, shares: Option<&PyClassShares>) -> Self {
+    #[pyo3(signature = (classes, shares=None, blur_px=None))]
+    fn new(classes: PyReadonlyArray2<u8>, shares: Option<&PyClassShares>, blur_px: Option<f64>) -> Self {
         let shares = shares.map(|shares| Arc::clone(&shares.0));
-        Self { pyramid: Arc::new(LabelPyramid::new(Arc::new(dense_image(&classes)), shares)) }
+        Self { pyramid: Arc::new(LabelPyramid::new(Arc::new(dense_image(&classes)), shares, blur_px)) }
     }
 }
 
@@ -122,5 +126,6 @@ fn frame(
         partitions: cloud.partitions.clone().filter(|_| !by_classes),
         weight,
         scene: Some(scene),
+        plain_class: cloud.plain_class,
     }
 }

@@ -43,6 +43,9 @@ class LabelledCloud:
     """Class probabilities of each point, if there are any; `classes` are then the most likely ones."""
     partitions: core.Partitions | None = None
     """Segments of the points, which replace the (then coarser) classes when poses are refined."""
+    plain_class: int | None = None
+    """Class of points beside which nothing changes, if there is one. The polish counts them, but they do not pull the
+    pose: they are many, hardly bend the information, and shake it."""
     vectors: npt.NDArray[np.float16] | None = None
     """(N, C) features, whose codes are the classes; None without features."""
     exposed_s: npt.NDArray[np.float64] | None = None
@@ -65,7 +68,7 @@ class LabelledCloud:
     @cached_property
     def core(self) -> core.LabelledCloud:
         """Cloud of the Rust core, copied on first use."""
-        return core.LabelledCloud(self.points, self.classes, self.shares, self.partitions)
+        return core.LabelledCloud(self.points, self.classes, self.shares, self.partitions, self.plain_class)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +79,9 @@ class LabelledImage:
     """(H, W) an index into `Observations.image_class_names`, or `NO_CLASS`."""
     shares: core.ClassShares | None = None
     """Class probabilities of each pixel, row by row, if there are any; `classes` are then the most likely ones."""
+    blur_px: float | None = None
+    """Standard deviation, pixels, of the Gaussian by which classes are blurred at full resolution where they have no
+    borders whose pixels are in doubt, as levels of a gradient; None for labels, whose borders have the edge band."""
     vectors: npt.NDArray[np.float16] | None = None
     """(H / s, W / s, C) features of blocks of s x s pixels, whose codes are the classes; None without features."""
 
@@ -90,7 +96,7 @@ class LabelledImage:
     @cached_property
     def core(self) -> core.LabelledImage:
         """Label image of the Rust core, copied on first use."""
-        return core.LabelledImage(self.classes, self.shares)
+        return core.LabelledImage(self.classes, self.shares, self.blur_px)
 
 
 @dataclass(frozen=True, eq=False)

@@ -180,4 +180,7 @@ def _shifted(labelled: Labelled, count: int) -> Labelled:
     table = np.full(256, NO_CLASS, np.uint8)
     table[: NO_CLASS - count] = np.arange(count, NO_CLASS)
     shares = labelled.shares and labelled.shares.renamed(table)
-    return replace(labelled, classes=table[labelled.classes], shares=shares)
+    shifted = replace(labelled, classes=table[labelled.classes], shares=shares)
+    if isinstance(shifted, LabelledCloud) and shifted.plain_class is not None:
+        return replace(shifted, plain_class=int(table[shifted.plain_class]))
+    return shifted

@@ -63,6 +63,9 @@ class EdgesConfig:
     coarse LiDAR's rays moves the upper edge downwards (tests/benchmarks/hand_eye.py)."""
     least_blur_px: float = 0.7
     """Smallest standard deviation of the blur, pixels."""
+    level_blur_px: float = 1.0
+    """Standard deviation of the blur of the levels at full resolution, pixels. From 0.7 to 1.5 pixels the pose scatters
+    alike; without a blur the information is too rough to bend steadily from pixel to pixel."""
     surroundings_deg: float = 6.0
     """Standard deviation of the window over which the mean of the gradients is taken."""
 
@@ -108,13 +111,12 @@ def observe_edges(
             f"{drive.path}: image is nearly the same everywhere: it says nothing about the pose"
         )
     labelled = [
-        LabelledCloud(sweep.points + to_step, classes)
+        LabelledCloud(sweep.points + to_step, classes, plain_class=NO_EDGE)
         for sweep, to_step, classes in zip(moved, edges.to_steps_m, edges.classes, strict=True)
     ]
-    # Certain, but as shares: levels have no borders whose pixels are in doubt.
-    certain = [LabelledImage(image, core.ClassShares.certain(image.ravel())) for image in images]
+    graded = [LabelledImage(image, blur_px=config.level_blur_px) for image in images]
     levels = [f"gradient {level}" for level in range(config.num_levels)]
-    return make_observations(drive, clouds, moved, labelled, certain, (edges.names, levels))
+    return make_observations(drive, clouds, moved, labelled, graded, (edges.names, levels))
 
 
 class SweepEdges(NamedTuple):

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError
@@ -93,8 +92,7 @@ def observe_intensity(
     for image, mask, values in zip(of_pixels, masks, compared, strict=True):
         levels = np.digitize(image, _limits(drive, "grey", values, config))
         classes = np.where(mask, levels, NO_CLASS).astype(np.uint8)
-        # Certain, but as shares: levels have no borders whose pixels are in doubt.
-        images.append(LabelledImage(classes, None if is_raw else core.ClassShares.certain(classes.ravel())))
+        images.append(LabelledImage(classes, blur_px=None if is_raw else 0.0))
     labelled = [
         LabelledCloud(sweep.points, np.digitize(values, point_limits).astype(np.uint8))
         for sweep, values in zip(moved, of_points, strict=True)
