@@ -299,6 +299,20 @@ def test_other_seeds_lead_to_the_same_place(street: Path, tmp_path: Path, cli: C
     assert found.farthest_camera_center_m < min(stated.half_width_95_camera_center_m)
 
 
+def test_parts_of_a_drive_differ_as_their_intervals_predict(street: Path, tmp_path: Path, cli: Cli) -> None:
+    result = tmp_path / "out.yaml"
+    code, _, err = cli("calibrate", street, "--cross-validate", "2", "-o", result)
+    found = read_calibration(result).cross_validation
+    assert found is not None
+    assert found.pulls is not None
+    assert (code, found.num_folds, found.num_failed) == (0, 2, 0)
+    assert 0.0 < max(found.pulls) < 4.0
+    assert "2 parts          camera centre x y z" in err
+    code, _, err = cli("calibrate", street, "--cross-validate", "9", "-o", result)
+    assert code == 1
+    assert "--cross-validate: found 4 scenes, needed at least 9, one for each part" in " ".join(err.split())
+
+
 def test_a_long_drive_is_cut_to_the_frames_that_differ(drive: Path, tmp_path: Path, cli: Cli) -> None:
     with edited(drive) as document:
         document["frames"] = [dict(document["frames"][0]) for _ in range(3)] + document["frames"]

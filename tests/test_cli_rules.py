@@ -55,6 +55,7 @@ REFUSED = {
             "--estimator mine",
             "--no-polish",
             "--repeat 2",
+            "--cross-validate 2",
             "--refine-intrinsics fx",
             "--zoom exact",
         )
@@ -159,6 +160,7 @@ def test_what_does_not_go_together_is_refused(line: str, cli: Cli) -> None:
         "calibrate d --seed -1",
         "calibrate d --max-frames 0",
         "calibrate d --repeat 1",
+        "calibrate d --cross-validate 1",
         "calibrate d --to nothing",
         "calibrate d --init t --fix tx,qx",
         "calibrate d --init-rpy-xyz 0 0 0 0 0 0 --fix tx,ty,tz,rx,ry,rz",

@@ -7,11 +7,15 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import core
 from semcal_cli.checks.families import check_pose
+from semcal_cli.checks.folds_disagree import CHANCE, compare_folds
 from semcal_cli.checks.motion_unstated import check_motion
 from semcal_cli.checks.seeds import compare_seeds
+from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.observations.observations import Observations
+from semcal_cli.pipeline.cross_validation import split_scenes
+from semcal_cli.result.sections import CrossValidation
 from semcal_cli.result.uncertainty import Uncertainty
 
 
@@ -64,3 +68,29 @@ def test_seeds_that_lead_elsewhere_are_said() -> None:
     assert compare_seeds(T, [moved], stated)[1] == ()
     none, findings = compare_seeds(T, [None], None)
     assert (none.num_failed, none.spread_camera_center_m, len(findings)) == (1, None, 1)
+
+
+def test_folds_share_no_scene_and_are_about_as_long() -> None:
+    scenes = [0, 0, 0, 3, 4, 5, 5, 7]
+    folds = split_scenes(scenes, 2)
+    assert sorted(frame for fold in folds for frame in fold) == list(range(8))
+    assert [len(fold) for fold in folds] == [4, 4]
+    assert not {scenes[frame] for frame in folds[0]} & {scenes[frame] for frame in folds[1]}
+
+
+def test_folds_that_differ_by_chance_pass_and_others_are_said() -> None:
+    rng, sigmas = np.random.default_rng(3), np.full((3, 6), (0.01, 0.02, 0.01, 0.1, 0.05, 0.2))
+
+    def compared(scale: float) -> tuple[CrossValidation, tuple[Finding, ...]]:
+        return compare_folds(scale * sigmas * rng.normal(size=sigmas.shape), sigmas, np.full((3, 6), 25.0))
+
+    by_chance = [compared(1.0) for _ in range(400)]
+    pulls = [result.pulls for result, _ in by_chance if result.pulls is not None]
+    assert len(pulls) == 400
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(pulls), axis=0)), 1.0, atol=0.1)
+    assert sum(bool(findings) for _, findings in by_chance) <= 2.5 * CHANCE * 400
+    told = [findings for _, findings in (compared(6.0) for _ in range(40)) if findings]
+    assert len(told) >= 36
+    assert all("3 parts of the drive differ " in finding.sentence for (finding,) in told)
+    lost, findings = compare_folds(np.zeros((1, 6)), sigmas[:1], np.ones((1, 6)), 1)
+    assert (lost.num_folds, lost.num_failed, lost.pulls, findings) == (2, 1, None, ())

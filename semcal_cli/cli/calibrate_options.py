@@ -61,7 +61,15 @@ class CalibrateSettings(
 
     rules = [
         given(
-            *("--search-deg", "--zoom", "--estimator", "--edge-band", "--no-polish", "--repeat"),
+            *(
+                "--search-deg",
+                "--zoom",
+                "--estimator",
+                "--edge-band",
+                "--no-polish",
+                "--repeat",
+                "--cross-validate",
+            ),
             *("--refine-intrinsics", "--intrinsics-sigma", "--estimate-delay", *PRIORS),
         ).requires("--method mi"),
         given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 needs labels"),
@@ -75,6 +83,12 @@ class CalibrateSettings(
     )
     repeat: int | None = option(
         "Calibrate with N seeds, and report the spread of the results next to the uncertainty.", minimum=2
+    )
+    cross_validate: int | None = option(
+        "Also calibrate K parts of the drive, which share no scene, each alone, and compare how far they differ with "
+        "what their intervals predict.",
+        metavar="K",
+        minimum=2,
     )
     page: Path | None = output_file("Also write a report of the result: .html.", "--report")
     images: Path | None = option(
@@ -123,6 +137,7 @@ class CalibrateSettings(
             self.initialization,
             self.refinement,
             self.repeat or 1,
+            self.cross_validate or 1,
             is_raw=self.method == "paper",
         )
 

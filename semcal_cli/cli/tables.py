@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from semcal_cli.geometry.poses import PoseError
     from semcal_cli.result.calibration_document import CalibrationDocument
     from semcal_cli.result.next_steps import Rows
-    from semcal_cli.result.sections import Repeatability
+    from semcal_cli.result.sections import CrossValidation, Repeatability
     from semcal_cli.result.uncertainty import Uncertainty
 
 COLUMNS = 80
@@ -49,6 +49,7 @@ def summary_lines(calibration: CalibrationDocument, *, verbose: bool = False) ->
         *_uncertainty_rows(calibration.believed_uncertainty),
         *_camera_rows(calibration),
         *_repeatability_rows(calibration.repeatability),
+        *_fold_rows(calibration.cross_validation),
         *(("note", note) for note in calibration.notes),
         *(
             ("doubt", reason)
@@ -180,6 +181,25 @@ def _repeatability_rows(repeatability: Repeatability | None) -> Rows:
         (f"{repeatability.num_seeds} seeds", f"camera centre x y z    {row(center, 2)} mm"),
         ("", f"rotation about them    {row(repeatability.spread_rotation_deg, 4)} deg"),
         ("", "standard deviations"),
+    ]
+
+
+def _fold_rows(folds: CrossValidation | None) -> Rows:
+    if folds is None:
+        return []
+    name = f"{folds.num_folds} parts"
+    if folds.spread_camera_center_m is None or folds.spread_rotation_deg is None:
+        return [
+            (name, f"{folds.num_failed} of them do not determine a pose alone: add frames from other places")
+        ]
+    return [
+        (
+            name,
+            f"camera centre x y z    {row([1000.0 * x for x in folds.spread_camera_center_m], 2)} mm",
+        ),
+        ("", f"rotation about them    {row(folds.spread_rotation_deg, 4)} deg"),
+        ("", f"against predicted      {row(folds.pulls or (), 2)}"),
+        ("", "standard deviations; 1 where the intervals are right"),
     ]
 
 

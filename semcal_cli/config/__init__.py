@@ -336,6 +336,8 @@ class CalibrationConfig:
     """Settings of the refinement."""
     num_seeds: int = setting(1, minimum=1)
     """Number of seeds, counted from `seed`. More than one shows whether they lead to the same pose."""
+    num_folds: int = setting(1, minimum=1)
+    """Number of parts of the drive that are polished alone. More than one shows whether the intervals are right."""
     is_raw: bool = False
     """Whether labels and intensities are used without preprocessing: isolated pixels of label images are not repaired,
     and intensities and grey values are numbers instead of levels."""

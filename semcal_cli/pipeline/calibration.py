@@ -12,7 +12,10 @@ from dataclasses import replace
 from functools import partial
 from time import perf_counter
 
+import numpy as np
+
 from semcal_cli import core
+from semcal_cli.checks.folds_disagree import compare_folds
 from semcal_cli.checks.other_mounting import check_mountings, describe_mountings
 from semcal_cli.checks.seeds import compare_seeds
 from semcal_cli.config import (
@@ -23,7 +26,7 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.drive.camera import check_intrinsics
-from semcal_cli.errors import CalibrationError, InputError, name_in_errors
+from semcal_cli.errors import CalibrationError, InputError, counted, name_in_errors
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
 from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
@@ -45,6 +48,7 @@ from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline.assessment import assess as assess, compare_motion
 from semcal_cli.pipeline.conclusion import make_calibration
+from semcal_cli.pipeline.cross_validation import estimate_folds, split_scenes
 from semcal_cli.pipeline.mountings import resolve_mountings
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import CalibrationDocument
@@ -80,6 +84,7 @@ def calibrate(
     config = CalibrationConfig() if config is None else config
     data = load(data, config)
     _check_options(data, config.refinement, priors)
+    _check_folds(data, config, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     candidates = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     stages = refine_and_polish(
@@ -87,6 +92,8 @@ def calibrate(
     )
     stages = assess(data, stages, config.refinement, on_event)
     stages = compare_motion(data, stages, on_event)
+    if config.num_folds > 1:
+        stages = cross_validate(data, stages, config, on_event)
     if config.num_seeds > 1:
         stages = repeat(data, stages, config, initial_pose, priors, on_event)
     return make_calibration(data, stages, config, initial_pose=initial_pose)
@@ -240,6 +247,26 @@ def _check_options(data: LoadedDrive, config: RefinementConfig, priors: Sequence
         )
 
 
+def _check_folds(data: LoadedDrive, config: CalibrationConfig, priors: Sequence[Prior]) -> None:
+    """Check that a drive can be divided, and that its parts alone give poses like that of the whole."""
+    if config.num_folds < 2:
+        return
+    if (
+        priors
+        or not config.refinement.jointly.is_empty
+        or not _is_polished(data.observations, config.refinement)
+    ):
+        raise InputError(
+            "--cross-validate: needs the polish by exact mutual information, without priors and without "
+            "--refine-intrinsics or --estimate-delay"
+        )
+    if (num_scenes := len(set(data.observations.scenes))) < config.num_folds:
+        raise InputError(
+            f"{data.drive.path}: --cross-validate: found {counted(num_scenes, 'scene')}, needed at least "
+            f"{config.num_folds}, one for each part"
+        )
+
+
 def refine(
     data: LoadedDrive,
     T_init: Pose,
@@ -355,4 +382,29 @@ def repeat(
     doubts = {0: "the pose is the same", 1: "1 more doubt"}.get(count, f"{count} more doubts")
     note = f"{config.num_seeds} seeds compared, {doubts}"
     on_event(StageDone("repeated", perf_counter() - start, note))
-    return replace(stages, repeatability=repeatability, of_comparison=findings)
+    return replace(stages, repeatability=repeatability, of_comparison=(*stages.of_comparison, *findings))
+
+
+def cross_validate(
+    data: LoadedDrive, stages: Stages, config: CalibrationConfig, on_event: Listener = ignore
+) -> Stages:
+    """Polish the pose by parts of the drive alone, and compare them with their intervals.
+
+    A pose whose polish was rejected is not at a maximum, and is left as it is.
+    """
+    if stages.polished is None or stages.is_rejected:
+        return stages
+    start, observations = perf_counter(), stages.seen or data.observations
+    on_event(Progress(f"cross-validating {config.num_folds} parts of the drive"))
+    parts = split_scenes(observations.scenes, config.num_folds)
+    folds = estimate_folds(observations, stages.T_camera_lidar, config.refinement.polish, parts)
+    known = [fold for fold in folds if fold.sigmas is not None]
+    compared, findings = compare_folds(
+        np.array([fold.offsets_from(stages.T_camera_lidar) for fold in known]),
+        np.array([fold.sigmas for fold in known]),
+        np.array([fold.degrees_of_freedom for fold in known]),
+        len(folds) - len(known),
+    )
+    pulls = "" if compared.pulls is None else f", pulls {' '.join(f'{pull:.2f}' for pull in compared.pulls)}"
+    on_event(StageDone("cross-validated", perf_counter() - start, f"{config.num_folds} parts{pulls}"))
+    return replace(stages, cross_validation=compared, of_comparison=(*stages.of_comparison, *findings))

@@ -46,6 +46,8 @@ def make_calibration(
     options |= stages.settings
     if stages.repeatability is not None:
         options["num_seeds"] = stages.repeatability.num_seeds
+    if stages.cross_validation is not None:
+        options["num_folds"] = stages.cross_validation.num_folds
     settings = {"options": to_jsonable_python(options), "seed": config.seed, "versions": versions()}
     return CalibrationDocument.from_pose(
         stages.T_camera_lidar,
@@ -58,6 +60,7 @@ def make_calibration(
         stages=stages.records,
         uncertainty=stages.uncertainty,
         repeatability=stages.repeatability,
+        cross_validation=stages.cross_validation,
         camera=None if joint is None else joint.camera,
         checked_intrinsics=None if assessment is None else assessment.checked_intrinsics,
         clock=None if joint is None else joint.clock,

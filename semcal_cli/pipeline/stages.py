@@ -20,7 +20,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.refined_camera import CheckedIntrinsics
-from semcal_cli.result.sections import DrivePart, Quality, Repeatability, Stage
+from semcal_cli.result.sections import CrossValidation, DrivePart, Quality, Repeatability, Stage
 from semcal_cli.result.uncertainty import Uncertainty
 
 
@@ -62,6 +62,7 @@ class Stages:
     fused: Fused | None = None
     assessment: Assessment | None = None
     repeatability: Repeatability | None = None
+    cross_validation: CrossValidation | None = None
     unrolled: Observations | None = None
     """Observations that all stages after the refinement saw, line by line, if the shutter rolls; None if they saw those
     of the drive."""

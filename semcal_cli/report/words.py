@@ -91,7 +91,7 @@ def uncertainty_sentences(record: CalibrationDocument, camera: Camera) -> list[s
             f"{figure(100.0 * shift_m)} cm and {figure(rotation_deg)} degrees. All frames share K, so more frames do "
             f"not reduce that: {_what_intervals_include(record)}."
         )
-    return [*sentences, *_of_seeds(record)]
+    return [*sentences, *_of_seeds(record), *_of_folds(record)]
 
 
 def _of_seeds(record: CalibrationDocument) -> list[str]:
@@ -103,6 +103,18 @@ def _of_seeds(record: CalibrationDocument) -> list[str]:
     farthest = f"{figure(cm)} cm and {figure(deg)} degrees"
     failed = f"; {repeatability.num_failed} failed" if repeatability.num_failed else ""
     return [f"The poses of {repeatability.num_seeds} seeds differ from it by up to {farthest}{failed}."]
+
+
+def _of_folds(record: CalibrationDocument) -> list[str]:
+    """Describe how far the poses by parts of the drive differ, if there are any."""
+    folds = record.cross_validation
+    if folds is None or folds.pulls is None:
+        return []
+    least, most = min(folds.pulls), max(folds.pulls)
+    return [
+        f"The poses by {folds.num_folds} parts of the drive alone differ {figure(least)} to {figure(most)} times as "
+        f"far as the scatter within their images predicts: about 1 where the intervals are right."
+    ]
 
 
 def _what_intervals_include(record: CalibrationDocument) -> str:

@@ -27,6 +27,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
 from semcal_cli.result.refined_camera import CheckedIntrinsics, Clock, RefinedCamera
 from semcal_cli.result.sections import (
+    CrossValidation,
     DrivePart,
     HeldOut,
     Hypothesis,
@@ -91,6 +92,8 @@ class CalibrationDocument(StrictModel):
     """Time offset of the camera; null if it was not estimated."""
     repeatability: Repeatability | None = None
     """Results with other seeds; null if there was only one seed."""
+    cross_validation: CrossValidation | None = None
+    """Results by parts of the drive; null if it was not divided. Absent in older files."""
     quality: Quality
     """Agreement of the labels under the transform."""
     stages: dict[str, Stage]

@@ -25,6 +25,7 @@ from semcal_cli.files.validation import (
     length,
 )
 from semcal_cli.geometry.arrays import Pose
+from semcal_cli.result.uncertainty import AXES, ROTATIONS
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -179,6 +180,33 @@ class Repeatability(StrictModel):
     """Largest distance of the camera from its position in this calibration, in metres."""
     farthest_rotation_deg: Width
     """Largest angle of the rotation to that of this calibration, in degrees."""
+
+
+class CrossValidation(StrictModel):
+    """Poses by parts of the drive alone, which show whether the intervals are right."""
+
+    num_folds: Annotated[int, Field(ge=2)]
+    """Number of parts, which share no scene."""
+    num_failed: Count
+    """Number of parts that do not determine a pose."""
+    spread_camera_center_m: Widths | None = None
+    """Standard deviations of the camera's position by the parts, along its axes, in metres; null if fewer than two
+    parts determine a pose."""
+    spread_rotation_deg: Widths | None = None
+    """Standard deviations of the rotation by the parts about the camera's axes, in degrees; null likewise."""
+    predicted_camera_center_m: Widths | None = None
+    """Standard errors of a part's position by the scatter within its images, in metres, root mean square; null
+    likewise."""
+    predicted_rotation_deg: Widths | None = None
+    """Standard errors of a part's rotation, in degrees, root mean square; null likewise."""
+    pulls: Annotated[tuple[Width, ...], length(6, 6)] | None = None
+    """Scatter of the parts relative to what the scatter within their images predicts, along and about the camera's
+    axes: about one if the intervals are right but for errors that all parts share; null likewise."""
+
+    @staticmethod
+    def axis_name(index: int) -> str:
+        """Name an axis of `pulls`."""
+        return (*AXES, *ROTATIONS)[index]
 
 
 class Movement(StrictModel):
