@@ -76,8 +76,8 @@ def compare_folds(
     if pulls[axis] > limits[axis]:
         pull, limit = format_against_limit(pulls[axis], limits[axis], 1)
         sentence = (
-            f"{count} parts of the drive differ {pull} times as far {CrossValidation.axis_name(axis)} as the scatter within "
-            f"images predicts, needed at most {limit}"
+            f"{count} parts of the drive differ {pull} times as far {CrossValidation.axis_name(axis)} as the scatter "
+            f"within images predicts, needed at most {limit}"
         )
         findings.append(FOLDS_DISAGREE.finding(sentence))
     spread, predicted = offsets.std(axis=0, ddof=1), np.sqrt((sigmas**2).mean(axis=0))
