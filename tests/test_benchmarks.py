@@ -38,6 +38,7 @@ RUNS = {
     "batch.py --drives 1 --bookkeeping 3 --frames 2 --width 160": 5,
     "bin_layouts.py DATA --only nuscenes": 11,
     "bootstrap.py --pool POOL --seeds 1 --resamples 2 --pairs 1 --pairs 2 --frames 2 --width 320": 2,
+    "closure.py DATA --only jam --halvings 1": 2,
     "clocks.py DATA --starts 1 --only 'nuScenes back left'": 1,
     "cues.py --seeds 1 --frames 2 --width 160": 5,
     "features.py --seeds 1 --frames 1 --width 128": 1,

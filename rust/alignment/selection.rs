@@ -83,7 +83,7 @@ impl Level {
     /// Their pairs change as the pose does, but they are chosen anew in each round, and at its maximum the points of all
     /// other classes pull the pose nowhere. Plain points hardly bend the information, but they are many and shake it:
     /// without them, what single frames of KITTI object and KITTI-360 pull scatters by 0.048 and 0.071 degrees instead
-    /// of 0.051 and 0.54 (`tests/benchmarks/closure.py`).
+    /// of 0.051 and 0.54 (docs/benchmarks_trust.md).
     pub fn select_for_newton(&self, pose: &Isometry3<f64>) -> Selection {
         let is_constant = |map: &ShareMap, pixel: &Point2<f64>, is_plain: bool| {
             is_plain || map.is_inside_one_class(pixel, CONSTANT_RADIUS)

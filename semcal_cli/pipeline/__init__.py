@@ -3,6 +3,7 @@
 from semcal_cli.pipeline.calibration import (
     assess as assess,
     calibrate as calibrate,
+    cross_validate as cross_validate,
     estimate_jointly as estimate_jointly,
     fuse as fuse,
     initialize as initialize,
