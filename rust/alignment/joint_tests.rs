@@ -148,7 +148,7 @@ fn plain_points_are_counted_and_pull_nothing() {
     observations.frames[0].plain_class = Some(1);
     let (level, pose) = (Level::new(Arc::new(observations), &[], 1, usize::MAX), Isometry3::identity());
     let all = level.samples(&pose, Counted::Visible);
-    let Selection { moving, constant } = level.select_for_newton(&pose);
+    let Selection { moving, constant } = level.select_for_newton(&pose, &Variables::default());
     assert!(all.iter().any(|sample| sample.class == 1) && !moving.is_empty());
     assert!(moving.iter().all(|sample| sample.class != 1));
     let here = level.projection(&pose);

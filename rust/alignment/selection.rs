@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::level::Level;
 use super::projection::Projection;
 use super::sample::{Counted, Sample};
+use super::variables::Variables;
 use crate::classes::{NO_CLASS, Share};
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
@@ -77,16 +78,17 @@ impl Level {
         self.select_where(pose, counted, |map, pixel, _| map.is_inside_one_class(pixel, radius))
     }
 
-    /// Selects visible points like [`Level::select`] for Newton's method, except that those of a frame's plain class
-    /// are only counted, too.
+    /// Selects visible points like [`Level::select`] for Newton's method. Where it seeks the pose alone, those of a
+    /// frame's plain class are only counted, too.
     ///
-    /// Their pairs change as the pose does, but they are chosen anew in each round, and at its maximum the points of all
+    /// Their pairs change as the pose does, but they are chosen anew in each round, and at the maximum the points of all
     /// other classes pull the pose nowhere. Plain points hardly bend the information, but they are many and shake it:
-    /// without them, what single frames of KITTI object and KITTI-360 pull scatters by 0.048 and 0.071 degrees instead
-    /// of 0.051 and 0.54 (docs/benchmarks_trust.md).
-    pub fn select_for_newton(&self, pose: &Isometry3<f64>) -> Selection {
+    /// without them, what single frames of KITTI-360 pull scatters by 0.071 degrees instead of 0.54
+    /// (docs/benchmarks_trust.md). Intrinsics need them: without, a cy that is 22 pixels off is not seen on KITTI object.
+    pub fn select_for_newton(&self, pose: &Isometry3<f64>, variables: &Variables) -> Selection {
+        let can_leave_out = variables.count() == Variables::default().count();
         let is_constant = |map: &ShareMap, pixel: &Point2<f64>, is_plain: bool| {
-            is_plain || map.is_inside_one_class(pixel, CONSTANT_RADIUS)
+            (is_plain && can_leave_out) || map.is_inside_one_class(pixel, CONSTANT_RADIUS)
         };
         self.select_where(pose, Counted::Visible, is_constant)
     }
