@@ -43,6 +43,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "merge": "Make one drive of several drives of one rig.",
         "odometry": "Estimate the LiDAR's motion from the sweeps of a drive.",
         "synth": "Write a synthetic drive with a known transform.",
+        "doctor": "Show what is installed, what is missing, and what needs it.",
         "completion": "Print shell completion for bash, zsh or fish.",
     },
     "Calibrate": {

@@ -86,8 +86,8 @@ class Terminal:
         self.print(*(labelled(label, str(path)) for path in paths))
 
     def print_verdict(self, line: str, status: str) -> None:
-        """Print the line with the verdict, in its colour on a terminal."""
-        self.console.print(line, style=COLORS[status], markup=False)
+        """Print the line with the verdict, in its colour on a terminal, even if nothing else is printed."""
+        make_console().print(line, style=COLORS[status], markup=False)
 
     def log_document(self, num_threads: int | None) -> dict[str, object]:
         """Make the document of times, host and threads."""

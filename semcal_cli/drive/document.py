@@ -292,6 +292,11 @@ class Drive(StrictModel):
         return self._path
 
     @property
+    def argument(self) -> Path:
+        """The drive as an argument of a command: its folder, unless its file has another name than usual."""
+        return self.path.parent if self.path.name == DRIVE_FILE else self.path
+
+    @property
     def root(self) -> Path:
         """The folder that the paths in the file are relative to."""
         return self._path.parent
