@@ -33,7 +33,7 @@ def calibrate(settings: CalibrateSettings) -> None:
     """
     from semcal_cli.cli.given_source import typed_for, with_drive
     from semcal_cli.cli.start import advised, choose_start
-    from semcal_cli.cli.tables import labelled, wrapped
+    from semcal_cli.cli.tables import labelled
     from semcal_cli.many.rig.rig_document import find_rig
 
     settings.check_estimator()
@@ -50,7 +50,7 @@ def calibrate(settings: CalibrateSettings) -> None:
     try:
         settings, sentence = choose_start(settings, drive)
         settings.outputs.check(drive, settings.initial_pose)
-        terminal.print(*wrapped("start", sentence))
+        terminal.print(labelled("start", sentence))
         if settings.drive != given.drive:
             terminal.print(labelled("alone", typed_for(settings.drive)))
         if settings.image_model:

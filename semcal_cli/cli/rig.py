@@ -75,9 +75,9 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         check_outputs(read, *(camera.output for camera in outputs.values()), result, settings.log, page)
         for name, drive in drives.items():
             outputs[name].check(drive)
+        starts = _choose_starts(rig, drives, settings)
     set_num_threads(settings.threads)
     sweeps, hashes, config = SweepCache(), dict[str, str](), settings.config
-    starts = _choose_starts(rig, drives, settings)
 
     def run(name: str, on_event: Listener) -> CalibrationDocument:
         started = starts[name]
@@ -117,12 +117,12 @@ def _choose_starts(
     Raises:
         InputError: no camera has one.
     """
-    starts = dict[str, CalibrateSettings | NoStartError]()
+    starts: dict[str, CalibrateSettings | NoStartError] = {}
     terminal = settings.terminal()
     for name, drive in drives.items():
         try:
             starts[name], sentence = choose_start(settings, drive)
-            terminal.print(*wrapped("start", f"{name}: {sentence}"))
+            terminal.print(labelled("start", f"{name}: {sentence}"))
         except NoStartError as error:
             starts[name] = error
     if all(isinstance(start, NoStartError) for start in starts.values()):

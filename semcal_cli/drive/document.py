@@ -221,7 +221,8 @@ class Drive(StrictModel):
     networks: LabelNetworks | None = None
     """Networks that made the labels, as written by `semcal label`; a result repeats them."""
     T_camera_lidar: RigidTransform | None = None
-    """Reference transform, p_camera = T_camera_lidar * p_lidar. Used only for comparisons."""
+    """Known transform, p_camera = T_camera_lidar * p_lidar: for comparisons, and a start where labels do not find the
+    mounting."""
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
     _max_points: int = PrivateAttr(default=MAX_POINTS)

@@ -33,7 +33,7 @@ from semcal_cli.estimation.refine.pyramid import Level, Refinement, refine_pose
 from semcal_cli.estimation.refine.several_starts import pyramid_of
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting_search import GIVEN, Initialization, search_mountings, unsearched
-from semcal_cli.estimation.search.start_by_motion import start_by_motion
+from semcal_cli.estimation.search.start_by_motion import start_by_motion, what_finds_mountings
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.estimation.uncertainty.motion_error import covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import sum_of
@@ -122,8 +122,8 @@ def initialize(
     if is_searched and not data.policy.can_find_mounting:
         cues = " and ".join(data.policy.near_only)
         raise InputError(
-            f"{data.drive.path}: found a search by {cues} alone, which compare points and pixels only near the right "
-            "pose; leave out --search-deg (`search_deg`), or add image labels"
+            f"{data.drive.path}: found a search by {cues}, which cannot find the mounting; leave out --search-deg "
+            f"(`search_deg`), or add {what_finds_mountings(data.drive)}"
         )
 
     def is_possible(T_camera_lidar: Pose) -> bool:

@@ -24,11 +24,12 @@ TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
 
 
 def after_import(drive: Drive) -> str:
-    """Write the command that follows the import of a drive; a network labels images without labels."""
+    """Write the command that follows the import of a drive; a network labels images if nothing else gives a start."""
     first, name = drive.frames[0], drive.argument
     if first.image_labels is None and first.image is None:
         return shell("inspect", name)
-    network = [] if first.image_labels is not None else ["--image-model", "cityscapes"]
+    has_start = first.image_labels is not None or drive.T_camera_lidar is not None
+    network = [] if has_start else ["--image-model", "cityscapes"]
     return shell("calibrate", name, *network, "-o", "calibration.yaml")
 
 

@@ -21,12 +21,16 @@ def no_start(drive: Drive, cues: Sequence[str], why_not_motion: str) -> NoStartE
         cues: Names of these cues.
         why_not_motion: Why the motion of camera and LiDAR gives no start.
     """
-    are_labelled = all(frame.image_labels is not None for frame in drive.frames)
-    by, others = " and ".join(cues), "segments beside them" if are_labelled else "image labels"
     return NoStartError(
-        f"{drive.path}: a calibration by {by} needs a start within 5 degrees and 0.3 m, or {others}; the motion of "
-        f"camera and LiDAR gives no start: {why_not_motion}"
+        f"{drive.path}: a calibration by {' and '.join(cues)} needs a start within 5 degrees and 0.3 m, or "
+        f"{what_finds_mountings(drive)}; the motion of camera and LiDAR gives no start: {why_not_motion}"
     )
+
+
+def what_finds_mountings(drive: Drive) -> str:
+    """Name what a drive needs beside cues that cannot find the mounting."""
+    are_labelled = all(frame.image_labels is not None for frame in drive.frames)
+    return "segments beside them" if are_labelled else "image labels"
 
 
 def start_by_motion(
