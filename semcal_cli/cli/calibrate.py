@@ -10,7 +10,7 @@ import click
 from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.label import label_on_the_way
 from semcal_cli.cli.settings import command
-from semcal_cli.errors import NoStartError
+from semcal_cli.errors import NoStartError, shell
 
 
 @command(CalibrateSettings)
@@ -46,18 +46,22 @@ def calibrate(settings: CalibrateSettings) -> None:
         if settings.has_chosen_frames:
             raise click.UsageError("--frames, --exclude: found a rig, needed the drive of one camera.")
         sys.exit(calibrate_rig(rig, settings if _has_output() else replace(settings, output=None)))
-    drive = settings.read_drive()
+    drive, is_imported = settings.read_drive(), settings.drive != given.drive
     try:
         settings, sentence = choose_start(settings, drive)
         settings.outputs.check(drive, settings.initial_pose)
         terminal.print(labelled("start", sentence))
-        if settings.drive != given.drive:
+        if is_imported:
             terminal.print(labelled("alone", typed_for(settings.drive)))
         if settings.image_model:
             with terminal:
                 labelled_drive = label_on_the_way(drive, settings, settings.max_frames, terminal)
+            if is_imported:
+                names = [word for name in settings.image_model for word in ("--image-model", name)]
+                output = drive.argument.with_name(f"{drive.argument.name}_labelled")
+                terminal.print(labelled("alone", shell("label", drive.argument, *names, "-o", output)))
             settings = replace(settings, drive=labelled_drive, frames=None, exclude=())
-        sys.exit(_calibrate_drive(settings, is_imported=settings.drive != given.drive))
+        sys.exit(_calibrate_drive(settings, names_commands=is_imported))
     except NoStartError as error:
         raise advised(error, drive) from None
 
@@ -74,11 +78,11 @@ def _without_unasked_file(settings: CalibrateSettings) -> CalibrateSettings:
     return replace(settings, output=None) if is_printed and not _has_output() else settings
 
 
-def _calibrate_drive(settings: CalibrateSettings, *, is_imported: bool) -> int:
+def _calibrate_drive(settings: CalibrateSettings, *, names_commands: bool) -> int:
     """Calibrate one camera, write the result, and return the exit code."""
     from semcal_cli.cli.outputs import loaded_drive
 
-    outputs, initial_pose = replace(settings.outputs, names_commands=is_imported), settings.initial_pose
+    outputs, initial_pose = replace(settings.outputs, names_commands=names_commands), settings.initial_pose
     run = settings.calibration()
     with loaded_drive(settings, settings.config, outputs, initial_pose) as (data, terminal):
         calibration = run(data, on_event=terminal.on_event)
