@@ -112,7 +112,7 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
         "load",
         "initial",
     ]
-    verdict = "verdict          not assessed: a rough start, not refined yet\n"
+    verdict = "verdict not assessed: a rough start, not refined yet\n"
     assert cli("initialize", street, "-o", tmp_path / "a.json", "-q") == (0, "", verdict)
     as_json = json.loads((tmp_path / "a.json").read_text())
     assert as_json["T_camera_lidar"] == yaml.safe_load(out)["T_camera_lidar"]
