@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from semcal_cli.errors import InputError, NoStartError, shell
-from semcal_cli.estimation.search.hand_eye import NO_MOTION
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.start_by_motion import no_start
 from semcal_cli.files.point_clouds import SweepCache
@@ -52,7 +51,7 @@ def choose_start(settings: CalibrateSettings, drive: Drive) -> Start:
     if settings.image_model:
         return Start(settings, f"image labels by {' and '.join(settings.image_model)}")
     if drive.motion is None:
-        raise no_start(drive, policy.near_only, NO_MOTION)
+        raise no_start(drive, policy.near_only, "the drive gives no motion")
     return Start(settings, "the turns of the motion")
 
 
