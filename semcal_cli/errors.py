@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import gc
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -32,6 +33,25 @@ class InputError(SemcalError):
 
 class MisplacedError(InputError):
     """A file is of the wrong kind, for instance because two arguments are swapped."""
+
+
+class ChoiceError(InputError):
+    """The input holds several things of a kind, of which the user has to choose one by options."""
+
+    def __init__(self, problem: str, needed: str = "", choices: Iterable[tuple[str, ...]] = ()) -> None:
+        """Make the error.
+
+        Args:
+            problem: What was found.
+            needed: The things to choose from, for those who have no command line.
+            choices: The words that each of them adds to a command, such as `("--image", "/left/image_raw")`.
+        """
+        super().__init__(f"{problem}, needed {needed}" if needed else problem)
+        self.problem, self.choices = problem, tuple(choices)
+
+
+class NoStartError(InputError):
+    """The data compare points and pixels only near the right pose, and nothing says where that is."""
 
 
 class CalibrationError(SemcalError):
@@ -112,6 +132,11 @@ def one_of(name: str, choices: Iterable[str]) -> str:
 def listed(names: Iterable[object]) -> str:
     """List names found in a file, and count those beyond the first `MAX_LISTED`."""
     return ", ".join(first_of([_cut(str(name)) for name in names], MAX_LISTED)) or "none"
+
+
+def shell(*words: object) -> str:
+    """Write a command of semcal, quoted for the shell."""
+    return shlex.join(["semcal", *map(str, words)])
 
 
 def first_of(lines: Sequence[str], max_lines: int) -> list[str]:

@@ -16,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.arrays import Pose
@@ -295,22 +296,29 @@ def write_drive(drive: Drive, writer: Any, T_camera_lidar: Pose | None = None) -
         if T_camera_lidar is not None:
             bag.write("/tf_static", bag.transforms({("optical", "lidar"): T_camera_lidar}), START_NS)
         for index, (frame, cloud) in enumerate(zip(drive.frames, read_clouds(drive), strict=True)):
-            stamp_ns = START_NS + index * NS // 10
-            records = np.zeros(
-                len(cloud.points), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")]
-            )
-            for axis, name in enumerate("xyz"):
-                records[name] = cloud.points[:, axis]
-            if cloud.intensity is not None:
-                records["intensity"] = cloud.intensity
-            bag.write("/camera/camera_info", bag.camera_info(drive.camera, stamp_ns), stamp_ns)
             pixels = read_image(drive.resolve(frame.image or ""))
-            bag.write(
-                "/camera/image_raw", bag.image(pixels, "bgr8", stamp_ns + NS // 100), stamp_ns + NS // 50
-            )
-            bag.write("/points", bag.cloud(records, stamp_ns), stamp_ns + NS // 30)
+            write_pair(bag, drive.camera, cloud.points, cloud.intensity, pixels, START_NS + index * NS // 10)
     path: Path = writer.path
     return path
+
+
+def write_pair(
+    bag: Any,
+    camera: Camera,
+    points: np.ndarray,
+    intensity: np.ndarray | None,
+    pixels: np.ndarray,
+    stamp_ns: int,
+) -> None:
+    """Record a sweep of points (N, 3), and an image that is taken 10 ms later, with its intrinsics."""
+    records = np.zeros(len(points), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+    for axis, name in enumerate("xyz"):
+        records[name] = points[:, axis]
+    if intensity is not None:
+        records["intensity"] = intensity
+    bag.write("/camera/camera_info", bag.camera_info(camera, stamp_ns), stamp_ns)
+    bag.write("/camera/image_raw", bag.image(pixels, "bgr8", stamp_ns + NS // 100), stamp_ns + NS // 50)
+    bag.write("/points", bag.cloud(records, stamp_ns), stamp_ns + NS // 30)
 
 
 def png(pixels: np.ndarray) -> bytes:

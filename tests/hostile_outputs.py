@@ -99,7 +99,7 @@ STREAMS: dict[str, Hostile] = {
     "several outputs into one stream": Hostile(
         nothing,
         ("calibrate", "drive", "-q", "-o", "-", "--log", "-", "--report", "/dev/stdout"),
-        NOTHING,
+        "^verdict trusted: ",
         0,
         said_before=SAID,
         check=stdout_goes_on('"stages"', "semcal_calibration: 1", "<!doctype html>", "</html>"),

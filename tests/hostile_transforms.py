@@ -109,5 +109,5 @@ for how, change, command in (
     ("stretched by 1.0004", scaled(1.0004), ("calibrate", "drive", "--init", "T.yaml", "-o", "out.yaml")),
 ):
     TRANSFORMS[f"a transform {how}, {command[0]}"] = Hostile(
-        start(change), (*command, "--quiet"), "^$", exit_code=0, check=is_rigid
+        start(change), (*command, "--quiet"), "^verdict trusted: .*$", exit_code=0, check=is_rigid
     )

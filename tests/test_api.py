@@ -125,3 +125,22 @@ def test_the_import_is_semcal_cli_beside_a_clone_too(tmp_path: Path) -> None:
     for arguments in (["-c", program], ["-m", "semcal_cli", "--version"]):
         printed = subprocess.check_output([sys.executable, *arguments], cwd=tmp_path, text=True)
         assert semcal.__version__ in printed
+
+
+def test_an_unknown_argument_names_the_one_that_was_meant(synthetic: Drive) -> None:
+    with pytest.raises(InputError, match=r"^init: found an unknown argument, needed initial_pose$"):
+        semcal.calibrate(synthetic, init=np.eye(4))  # type: ignore[call-arg]
+
+
+def test_without_a_start_the_error_speaks_of_arguments(synthetic: Drive) -> None:
+    with pytest.raises(InputError) as error:
+        semcal.calibrate(synthetic, cue="edges")
+    assert str(error.value).endswith("; give initial_pose, or image_labels with cue=('segments', 'edges')")
+    assert "--" not in str(error.value)
+
+
+def test_a_recording_in_the_place_of_a_drive_names_its_import(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(InputError, match=r"found a recording, .*`semcal import bag .* -o bag_drive`$"):
+        semcal.calibrate(path)

@@ -307,8 +307,8 @@ def test_of_one_camera_s_encodings_the_raw_one_is_taken(tmp_path: Path) -> None:
     below = small(tmp_path / "below", **{"cam": image(), "points/front": cloud()})
     assert "found 2 topics of" in refused(below, tmp_path / "none")  # another camera, and another LiDAR
     two = small(tmp_path / "two", **again, **{"other/image_raw": image()})
-    found = "found 2 topics of images (Image, CompressedImage, video), needed one of: /cam/image_raw,"
-    assert f"--image: {found} /other/image_raw" in refused(two, tmp_path / "none")
+    found = "found 1 topic of sweeps and 2 topics of images, needed one pair: --image /cam/image_raw,"
+    assert f"{found} --image /other/image_raw" in refused(two, tmp_path / "none")
 
 
 LIES: dict[str, tuple[dict[str, Maker], str]] = {
@@ -334,8 +334,8 @@ LIES: dict[str, tuple[dict[str, Maker], str]] = {
              "/cam/camera_info: distortion_model: found 'odd', needed one of: plumb_bob"),
     "no camera": ({"info": nothing}, "found no topic of intrinsics (CameraInfo), only"),
     "no images": ({"image": nothing}, "found no topic of images (Image, CompressedImage, video), only"),
-    "two sweeps": ({"rear": cloud()}, "--points: found 2 topics of sweeps (PointCloud2, Livox CustomMsg, "
-                   "VelodyneScan), needed one of: /points, /rear"),
+    "two sweeps": ({"rear": cloud()}, "found 2 topics of sweeps and 1 topic of images, needed one pair: "
+                   "--points /points, --points /rear"),
 }  # fmt: skip
 
 

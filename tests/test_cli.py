@@ -31,12 +31,12 @@ from semcal_cli.result.calibration_document import write_calibration
 def test_hostile_drives(drive: Path, cli: Cli, edit: Edit, message: str) -> None:
     break_drive(drive, edit)
     output = drive / "earlier.yaml"
-    output.write_text("an earlier result")
+    output.write_text("semcal_calibration: 1")
     code, out, err = cli("calibrate", drive, "-o", output, "-q")
     assert code == EXIT_FAILURE
     assert out == ""
     assert re.fullmatch(f"semcal: error: {re.escape(str(drive))}/{message}\n", err), err
-    assert output.read_text() == "an earlier result"
+    assert output.read_text() == "semcal_calibration: 1"
 
 
 def test_a_start_that_looks_away_is_no_overlap(street: Path, tmp_path: Path, cli: Cli) -> None:
@@ -112,7 +112,8 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
         "load",
         "initial",
     ]
-    assert cli("initialize", street, "-o", tmp_path / "a.json", "-q") == (0, "", "")
+    verdict = "verdict not assessed: a rough start, not refined yet\n"
+    assert cli("initialize", street, "-o", tmp_path / "a.json", "-q") == (0, "", verdict)
     as_json = json.loads((tmp_path / "a.json").read_text())
     assert as_json["T_camera_lidar"] == yaml.safe_load(out)["T_camera_lidar"]
     best, *others = as_json["hypotheses"]
@@ -182,7 +183,7 @@ def test_help_names_only_options_that_the_command_has(path: tuple[str, ...], com
 
 
 ORDERS = {
-    "calibrate C": "semcal calibrate DRIVE",
+    "calibrate C": "semcal calibrate DRIVE|RECORDING|DATASET",
     "inspect C": "semcal inspect DRIVE",
     "refine C --init C": "semcal refine DRIVE --init FILE",
     "verify C C": "semcal verify DRIVE CALIBRATION",

@@ -61,7 +61,9 @@ def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
 
 def test_calibrate_then_compare(street: Path, street_truth: Pose, tmp_path: Path, cli: Cli) -> None:
     result = tmp_path / "calibration.yaml"
-    assert cli("calibrate", street, "-o", result, "-q") == (0, "", "")
+    code, out, err = cli("calibrate", street, "-o", result, "-q")
+    assert (code, out) == (0, "")
+    assert re.fullmatch(r"verdict trusted: .*\n", err), err
     assert read_calibration(result).status == "trusted"
     error = compare_poses(read_calibration(result).pose, street_truth)
     assert error.rotation_deg < 0.2
@@ -235,7 +237,8 @@ def test_the_result_as_json_on_standard_output(street: Path, tmp_path: Path, cli
     for command, name in (("calibrate", "c.json"), ("refine", "c.yaml"), ("initialize", "c.yaml")):
         output = tmp_path / name
         code, out, err = cli(command, street, "--init", street, "--json", "-o", output, "-q")
-        assert (code, err) == (0, "")
+        assert code == 0
+        assert err.startswith("verdict ")
         assert read_document(output) == json.loads(out)
         assert name == "c.yaml" or output.read_text() == out
     code, out, _ = cli("initialize", street, "--init", street, "-o", "-", "-q")

@@ -53,7 +53,7 @@ def test_a_camera_that_nobody_asked_for(tmp_path: Path) -> None:
     of = Import("nuscenes", tmp_path)
     for table in ("sensor", "calibrated_sensor"):
         write(of.root / f"v1.0-mini/{table}.json", "[]")
-    assert of.complaint() == "{root}: found no camera, needed CAM_FRONT"
+    assert of.complaint() == "{root}: found no camera, expected CAM_FRONT"
 
 
 @pytest.mark.parametrize("name", ["kitti-odometry", "kitti-raw", "carla"])

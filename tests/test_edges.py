@@ -170,14 +170,16 @@ def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
 
 
 def test_edges_alone_want_a_start(bare: Path, tmp_path: Path) -> None:
-    labelled = invoke("calibrate", bare, "--cue", "edges", "-o", tmp_path / "found.yaml", "-q")
-    assert "or segments (--cue segments,edges); the motion" in str(labelled.exception)
+    asked = ("--from-nothing", "-o", tmp_path / "found.yaml", "-q")
+    labelled = invoke("calibrate", bare, "--cue", "edges", *asked)
+    assert "or segments beside them; the motion" in str(labelled.exception)
+    assert f"`semcal calibrate {bare} --cue segments,edges`, by its image labels" in str(labelled.exception)
     drive = without(bare, "image_labels")
-    result = invoke("calibrate", drive, "-o", tmp_path / "found.yaml", "-q")
+    result = invoke("calibrate", drive, *asked)
     assert result.exit_code == 1
     assert isinstance(result.exception, InputError)
-    assert "drive.yaml: edges cannot find the mounting, needed a start" in str(result.exception)
-    assert "or image labels (--image-model cityscapes); the motion" in str(result.exception)
+    assert "drive.yaml: a calibration by edges needs a start within 5 degrees" in str(result.exception)
+    assert "or image labels; the motion" in str(result.exception)
 
 
 def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth: Pose) -> None:

@@ -173,7 +173,8 @@ def test_without_turns_or_images_that_follow_one_another_a_start_is_asked_for(
     assert isinstance(hand_eye(drive.model_copy(update={"motion": None})), NotDetermined)
     size = {"width": 160, "height": 90, "channels": 16, "columns": 600}
     write_images(LongSweeps(num_frames=8, motion="steady", **size), tmp_path / "straight")
-    result = invoke("calibrate", tmp_path / "straight", "--cue", "edges", "-o", tmp_path / "none.yaml", "-q")
+    options = ["--cue", "edges", "--from-nothing", "-o", tmp_path / "none.yaml", "-q"]
+    result = invoke("calibrate", tmp_path / "straight", *options)
     assert result.exit_code == 1
     assert isinstance(result.exception, InputError)
     assert "the drive has too few turns, 0.0 degrees in" in str(result.exception)

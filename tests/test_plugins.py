@@ -122,15 +122,13 @@ def test_the_policy_of_a_cue_takes_effect(installed: Path, street: Path, tmp_pat
     """It finds no mounting, is refined from its several starts, and is not trusted with few scenes."""
     path = tmp_path / "calibration.yaml"
     asked = ("--cue", "brightness", "-q", "-o", path)
-    lost = semcal("calibrate", street, *asked, packages=installed, code=1).stderr
-    assert (
-        "drive.yaml: brightness cannot find the mounting, needed a start within 5 degrees and 0.3 m" in lost
-    )
-    assert "or segments (--cue segments,brightness); the motion of camera and LiDAR gives no start" in lost
+    lost = semcal("calibrate", street, "--from-nothing", *asked, packages=installed, code=1).stderr
+    assert "drive.yaml: a calibration by brightness needs a start within 5 degrees and 0.3 m" in lost
+    assert "or segments beside them; the motion of camera and LiDAR gives no start" in lost
     lost = semcal(
         "calibrate", street, "--init", street, "--search-deg", 10, *asked, packages=installed, code=1
     )
-    assert lost.stderr.endswith("or segments (--cue segments,brightness)\n")
+    assert lost.stderr.endswith("(`search_deg`), or add segments beside them\n")
     semcal("refine", street, "--init", street, *asked, "--max-frames", 2, packages=installed, code=3)
     made = read_calibration(path)
     assert made.settings.options["refinement"]["starts"]["num_starts"] == [8, 4, 2]  # type: ignore[index, call-overload]

@@ -70,7 +70,7 @@ def test_a_reader_that_goes_ends_the_command_quietly(street: Path, tmp_path: Pat
     [
         f"{JUNIT} -",
         '"${semcal[@]}" convert "$drive" --to text',
-        '"${semcal[@]}" calibrate "$drive"',
+        '"${semcal[@]}" calibrate "$drive" -o -',
         '"${semcal[@]}" refine "$drive" --init "$drive" -o c.yaml --json',
     ],
 )

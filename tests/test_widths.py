@@ -41,6 +41,7 @@ ELSEWHERE = {
     "odometry": "takes many sweeps; its lines are those of `import`",
     "experiment": "takes minutes, and prints tables of Markdown",
     "completion": "prints a program",
+    "doctor": "prints paths of this machine, and asks the network",
 }
 """Commands of the table that are not run, and why."""
 

@@ -12,10 +12,11 @@ import numpy.typing as npt
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.drive.held_arrays import ArrayInput
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, one_of
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import as_transform
+from semcal_cli.importing.recognition import recognise
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.result.calibration_document import CalibrationDocument
 
@@ -25,14 +26,20 @@ GivenTransform: TypeAlias = InitialPose | CalibrationDocument | Path | str | npt
 """T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any known format."""
 Cues: TypeAlias = CueName | Sequence[CueName]
 """A cue, or several that are compared together."""
+ARGUMENTS = ("config", "cue", "initial_pose", "transform", "priors", "limits", "on_event")
+"""Arguments of the calls beside a drive or arrays, for the message about an unknown one."""
 
 
 def as_data(drive: Data | None, arrays: ArrayInput) -> Data:
     """Return the drive, or make one from arrays.
 
     Raises:
-        InputError: there is no drive, or one beside arrays, or an array is wrong.
+        InputError: there is no drive, or one beside arrays, an argument is unknown, or an array is wrong.
     """
+    for name in arrays.keys() - ArrayInput.__annotations__.keys():
+        known = (*ARGUMENTS, *ArrayInput.__annotations__)
+        needed = " or ".join(other for other in known if other.startswith(name)) or one_of(name, known)
+        raise InputError(f"{name}: found an unknown argument, needed {needed}")
     if drive is None and not arrays:
         raise InputError(
             "drive: found nothing, needed a drive, or arrays: points, camera and the data that the cue compares"
@@ -41,6 +48,8 @@ def as_data(drive: Data | None, arrays: ArrayInput) -> Data:
         raise InputError(f"{min(arrays)}: found arrays and a drive, needed only one of the two")
     if drive is None:
         return Drive.from_arrays(**arrays)
+    if isinstance(drive, Path | str) and (source := recognise(Path(drive))) is not None:
+        raise InputError(source.advice(Path(drive)))
     if not isinstance(drive, LoadedDrive | Drive | Path | str):
         raise InputError(
             f"drive: found {type(drive).__name__}, needed a drive or its path; arrays have names"

@@ -13,6 +13,7 @@ from semcal_cli.api.results import Calibration
 from semcal_cli.config import CalibrationConfig, Limits
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.held_arrays import ArrayInput
+from semcal_cli.errors import InputError, NoStartError
 from semcal_cli.estimation.adjust.priors import Prior
 from semcal_cli.events import Listener, ignore
 from semcal_cli.observations.loading import LoadedDrive, load
@@ -54,7 +55,12 @@ def calibrate(
     given, config = as_data(drive, arrays), with_cue(config, cue)
     start = None if initial_pose is None else as_initial_pose(initial_pose)
     data = load(given, config, on_event)
-    calibration = pipeline.calibrate(data, config, initial_pose=start, priors=priors, on_event=on_event)
+    try:
+        calibration = pipeline.calibrate(data, config, initial_pose=start, priors=priors, on_event=on_event)
+    except NoStartError as error:
+        raise InputError(
+            f"{error}; give initial_pose, or image_labels with cue=('segments', 'edges')"
+        ) from None
     calibration = with_provenance(
         calibration,
         data,

@@ -132,7 +132,7 @@ def inspect(drive: Drive) -> DriveReport:
     return DriveReport(
         drive=str(drive.path),
         frames=frames,
-        pattern=_pattern(points),
+        pattern=_pattern(drive, points),
         elevations_deg=elevations,
         azimuths_deg=azimuths,
         field_of_view_deg=field_of_view,
@@ -227,14 +227,15 @@ def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:
     return list(dict.fromkeys(chain.from_iterable(known))) if known else None
 
 
-def _pattern(points: Sequence[Points]) -> str:
+def _pattern(drive: Drive, points: Sequence[Points]) -> str:
+    """Describe the stated channels, or how close points lie; counted channels of real LiDARs came out wrong."""
+    if drive.lidar is not None and drive.lidar.channels is not None:
+        return f"{drive.lidar.channels} channels, as the drive states"
     try:
         grid = core.estimate_grid(points)
     except CalibrationError as error:
         return str(error)
-    if grid.columns == round(math.tau / grid.cell_height):
-        return f"no channels; its points fill cells of {math.degrees(grid.cell_height):.2f} degrees"
-    return f"{grid.rows} channels of about {grid.columns:,} returns per turn"
+    return f"about {math.degrees(grid.cell_height):.2f} degrees between points"
 
 
 def _field_of_points(points: Sequence[Points]) -> tuple[tuple[float, float], float]:

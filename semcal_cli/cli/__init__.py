@@ -43,10 +43,11 @@ SECTIONS: dict[str, dict[str, str]] = {
         "merge": "Make one drive of several drives of one rig.",
         "odometry": "Estimate the LiDAR's motion from the sweeps of a drive.",
         "synth": "Write a synthetic drive with a known transform.",
+        "doctor": "Show what is installed, what is missing, and what needs it.",
         "completion": "Print shell completion for bash, zsh or fish.",
     },
     "Calibrate": {
-        "calibrate": "Find the transform with no initial guess, and its uncertainty.",
+        "calibrate": "Find the transform of a recording or a drive, and its uncertainty.",
         "initialize": "Search all mounting directions, without refinement.",
         "refine": "Refine a transform that is roughly known.",
     },

@@ -18,7 +18,7 @@ from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
 from semcal_cli.cli.options import MAX_THREADS, QuietSettings
 from semcal_cli.cli.rules import given, refuse
-from semcal_cli.cli.settings import SettingsCommand, argument, command, option
+from semcal_cli.cli.settings import SettingsCommand, argument, command, option, without_option
 from semcal_cli.cli.verify import VerifySettings, verify
 from semcal_cli.errors import torch_import
 
@@ -86,8 +86,8 @@ class BatchSettings(QuietSettings):
 def batch(settings: BatchSettings) -> None:
     """Calibrate many DRIVES, or verify one transform on them.
 
-    DRIVES are folders, drive files, quoted patterns, text files (.txt) with one of these per line, or - for standard
-    input. Everything after -- goes to the command: semcal batch 'drives/*' -o results -- --estimator mine
+    DRIVES are drives, folders of drives, drive files, quoted patterns, text files (.txt) with one of these per line, or
+    - for standard input. Everything after -- goes to the command: semcal batch drives -o results -- --estimator mine
 
     Results go to DIR. Each drive gets a folder with calibration.yaml (or verification.json), log.txt, times.json and
     record.json; summary.csv and summary.jsonl list all drives, including those that fail, crash or hang. A stopped
@@ -174,7 +174,7 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
                 check_device("cuda")
         for name, values in _files(settings, command_settings).items():
             files += [value for value in values if isinstance(value, Path)]
-            rest = [*_without(rest, name), *(word for value in values for word in (name, str(value)))]
+            rest = [*without_option(rest, name), *(word for value in values for word in (name, str(value)))]
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
     return partial(
@@ -212,17 +212,6 @@ def _files(settings: BatchSettings, command_settings: CalibrateSettings) -> dict
     ):
         files["--image-card"] = [Path(command_settings.image_card).absolute()]
     return files
-
-
-def _without(words: Sequence[str], name: str) -> list[str]:
-    """Leave out an option and its values."""
-    kept, left = [], iter(words)
-    for word in left:
-        if word == name:
-            next(left, None)
-        elif not word.startswith(f"{name}="):
-            kept.append(word)
-    return kept
 
 
 def _parse_rest(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:

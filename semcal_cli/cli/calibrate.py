@@ -1,4 +1,4 @@
-"""`semcal calibrate`: the whole pipeline, on a drive or on the drives of a rig."""
+"""`semcal calibrate`: the whole pipeline, on a drive, a recording, a data set, or the drives of a rig."""
 
 from __future__ import annotations
 
@@ -10,40 +10,79 @@ import click
 from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.label import label_on_the_way
 from semcal_cli.cli.settings import command
+from semcal_cli.errors import NoStartError, shell
 
 
 @command(CalibrateSettings)
 def calibrate(settings: CalibrateSettings) -> None:
-    """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
+    """Calibrate the camera and the LiDAR of a drive, or of a recording or a data set, which become a drive first.
 
-    No initial guess is needed: all mounting directions are searched, then the best pose is refined. Exit code 3 means
-    that a result was written but is not trusted.
+    Examples: `semcal calibrate recording.mcap`, `semcal calibrate my_drive --init tf.yaml -o front.yaml`.
+
+    A drive is a folder with a drive.yaml, or the file itself. A recording (.mcap, .bag, .db3, or a folder of them) or
+    a data set becomes one beside the output, with a report and overlays, and each step is printed as a command that
+    does it alone.
+
+    The calibration starts from --init or --init-rpy-xyz. Without them, labels of both sides, or of images, in the drive
+    find the mounting. Without labels, it starts from the transform that the recording or the drive states, from the
+    image labels of --image-model, or from the turns of the motion, whichever comes first. Exit code 3 means that a
+    result was written but is not trusted.
 
     DRIVE may be a rig.yaml, which lists the drives of several cameras with one LiDAR. All of them are calibrated. -o is
     then a folder, for the result of each camera and for rig_calibration.yaml, which relates the cameras to each other.
     """
+    from semcal_cli.cli.given_source import typed_for, with_drive
+    from semcal_cli.cli.start import advised, choose_start
+    from semcal_cli.cli.tables import labelled
     from semcal_cli.many.rig.rig_document import find_rig
 
     settings.check_estimator()
     settings.check()
+    given, terminal = _without_unasked_file(settings), settings.terminal()
+    settings = with_drive(given, terminal)
     if (rig := find_rig(settings.drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
         if settings.has_chosen_frames:
             raise click.UsageError("--frames, --exclude: found a rig, needed the drive of one camera.")
-        sys.exit(calibrate_rig(rig, settings))
-    if settings.image_model:
-        with settings.terminal() as terminal:
-            drive = label_on_the_way(settings.read_drive(), settings, settings.max_frames, terminal)
-        settings = replace(settings, drive=drive, frames=None, exclude=())
-    sys.exit(_calibrate_drive(settings))
+        sys.exit(calibrate_rig(rig, settings if _has_output() else replace(settings, output=None)))
+    drive, is_imported = settings.read_drive(), settings.drive != given.drive
+    try:
+        settings, sentence = choose_start(settings, drive)
+        settings.outputs.check(drive, settings.initial_pose)
+        terminal.print(labelled("start", sentence))
+        if is_imported:
+            terminal.print(labelled("alone", typed_for(settings.drive)))
+        if settings.image_model:
+            with terminal:
+                labelled_drive = label_on_the_way(drive, settings, settings.max_frames, terminal)
+            if is_imported:
+                names = [word for name in settings.image_model for word in ("--image-model", name)]
+                output = drive.argument.with_name(f"{drive.argument.name}_labelled")
+                terminal.print(labelled("alone", shell("label", drive.argument, *names, "-o", output)))
+            settings = replace(settings, drive=labelled_drive, frames=None, exclude=())
+        sys.exit(_calibrate_drive(settings, names_commands=is_imported))
+    except NoStartError as error:
+        raise advised(error, drive) from None
 
 
-def _calibrate_drive(settings: CalibrateSettings) -> int:
+def _has_output() -> bool:
+    """Whether -o is given, or set by a batch."""
+    source = click.get_current_context().get_parameter_source("output")
+    return source is not click.core.ParameterSource.DEFAULT
+
+
+def _without_unasked_file(settings: CalibrateSettings) -> CalibrateSettings:
+    """Leave out the default output if the result is printed."""
+    is_printed = settings.as_json or settings.to is not None
+    return replace(settings, output=None) if is_printed and not _has_output() else settings
+
+
+def _calibrate_drive(settings: CalibrateSettings, *, names_commands: bool) -> int:
     """Calibrate one camera, write the result, and return the exit code."""
     from semcal_cli.cli.outputs import loaded_drive
 
-    outputs, initial_pose = settings.outputs, settings.initial_pose
+    outputs, initial_pose = replace(settings.outputs, names_commands=names_commands), settings.initial_pose
     run = settings.calibration()
     with loaded_drive(settings, settings.config, outputs, initial_pose) as (data, terminal):
         calibration = run(data, on_event=terminal.on_event)

@@ -12,9 +12,9 @@ import click
 
 from semcal_cli.cli.convert import WrittenSettings
 from semcal_cli.cli.label import ImageSettings
-from semcal_cli.cli.options import ResultSettings
+from semcal_cli.cli.options import ResultSettings, result_file
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import option, output_file, setting_of
+from semcal_cli.cli.settings import argument, option, output_file, setting_of
 from semcal_cli.cli.stage_options import PRIORS, STARTS, RefinementSettings, SearchSettings
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
 from semcal_cli.config.mine_config import MINE_WITH_VECTORS, MineConfig
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from semcal_cli.config.paper_config import PaperConfig
     from semcal_cli.result.calibration_document import CalibrationDocument
 
+DEFAULT_OUTPUT = Path("calibration.yaml")
 BEYOND_LABELS = ("--cue segments", "--cue edges", "--cue intensity", "--cue features")
 of_paper = partial(setting_of, help="{} Only with --method paper.", is_open=True)
 
@@ -54,11 +55,45 @@ class PaperSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OwnTransformSettings:
+    """The option that ignores what the input states about the transform."""
+
+    section = "Start"
+    rules = [given("--from-nothing").excludes(*STARTS)]
+    is_from_nothing: bool = option(
+        "Do not start from the transform that a recording or a drive states.", "--from-nothing", default=False
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingSettings:
+    """Options for a recording or a data set in the place of a drive."""
+
+    section = "Recordings and data sets"
+    points: str | None = option(
+        "Topic of a recording's sweeps; needed if there are several.", metavar="TOPIC"
+    )
+    image: str | None = option("Topic of a recording's images; needed if there are several.", metavar="TOPIC")
+    sequence: str | None = option(
+        "Name of a data set's sequence; needed if there are several.", metavar="NAME"
+    )
+    camera: str | None = option("Name of a data set's camera.", metavar="NAME")
+
+
+@dataclass(frozen=True, kw_only=True)
 class CalibrateSettings(
-    SearchSettings, RefinementSettings, ImageSettings, PaperSettings, WrittenSettings, ResultSettings
+    SearchSettings,
+    OwnTransformSettings,
+    RefinementSettings,
+    ImageSettings,
+    RecordingSettings,
+    PaperSettings,
+    WrittenSettings,
+    ResultSettings,
 ):
     """Settings of `calibrate`."""
 
+    takes_recordings = True
     rules = [
         given(
             *(
@@ -76,6 +111,13 @@ class CalibrateSettings(
         given("--to-direction", "--to-frame", "--to-camera", "--to-lidar").requires("--to"),
         given("--to").requires("-o", where=["--json"], because="both would write to standard output"),
     ]
+    drive: Path = argument(metavar="DRIVE|RECORDING|DATASET")
+    output: Path | None = result_file(
+        "File for the result: .yaml, .yml or .json; - is standard output. Without it, --json and --to print the result "
+        "and write no file.",
+        default=DEFAULT_OUTPUT,
+    )
+    force: bool = option("Replace an output that is no calibration of semcal.", default=False)
     method: Literal["mi", "paper"] = option(
         "mi: mutual information, as semcal maximises it. paper: the paper's method exactly as published, for "
         "comparison; it estimates no uncertainty.",
@@ -171,7 +213,8 @@ class CalibrateSettings(
         from semcal_cli.cli.outputs import Outputs
 
         to = None if self.to is None else (self.to, self.written())
-        return replace(Outputs.of_result(self), to=to, page=self.page, images=self.images)
+        outputs = replace(Outputs.of_result(self), to=to, page=self.page, images=self.images)
+        return replace(outputs, replaces_any=self.force or to is not None)
 
     def calibration(self) -> Callable[..., CalibrationDocument]:
         """Choose the function that calibrates a drive by the chosen method, with all settings."""

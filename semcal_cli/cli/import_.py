@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import shlex
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -14,7 +16,7 @@ from semcal_cli.cli.accumulate import MAX_SECONDS, MAX_SWEEPS, accumulate_into
 from semcal_cli.cli.options import FrameSlice, QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
-from semcal_cli.config.directions import CameraFrame
+from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.config.point_files import (
     MAX_UNIT_S,
     SECONDS_PER_UNIT,
@@ -23,7 +25,7 @@ from semcal_cli.config.point_files import (
     PointType,
 )
 from semcal_cli.config.synchronization import Synchronization
-from semcal_cli.errors import check_installed, counted, printable
+from semcal_cli.errors import ChoiceError, InputError, check_installed, counted, printable
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
 
 if TYPE_CHECKING:
@@ -138,10 +140,13 @@ class ImportSettings(QuietSettings):
     )
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
-    def write(self, recording: Recording, sweeps: Path | None = None, **others: Any) -> WrittenDrive:
-        """Write the drive, and say what was written; `others` are options that have another meaning here.
+    def write(
+        self, recording: Recording, sweeps: Path | None = None, *, is_last: bool = True, **others: Any
+    ) -> WrittenDrive:
+        """Write the drive, and say what was written, and which command comes next if this one is the last.
 
-        With `sweeps`, this drive is the one of all sweeps, of which an accumulated one is made.
+        With `sweeps`, this drive is the one of all sweeps, of which an accumulated one is made; `others` are options
+        that have another meaning here.
         """
         if self.odometry:
             check_installed("--odometry", "kiss_icp", "odometry")
@@ -152,7 +157,7 @@ class ImportSettings(QuietSettings):
         written = write_drive(recording, options, sweeps or self.output, force=self.force)
         if not self.quiet:
             copies = f", {counted(written.num_converted, 'cloud')} converted" if written.num_converted else ""
-            _tell(written, copies, is_last=sweeps is None)
+            _tell(written, copies, is_last=is_last and sweeps is None)
         return written
 
 
@@ -243,6 +248,37 @@ class Imports(click.Group):
         about, package = inspect.getdoc(read) or cmd_name, PLUGINS.package(cmd_name)
         summary = f"{about.splitlines()[0]} ({package})"
         return _dataset_command(cmd_name, summary, f"{about}\n\nThe data set comes from {package}.")
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the import that is typed, or suggest one."""
+        if not ctx.resilient_parsing and self.get_command(ctx, args[0]) is None:
+            self._suggest(ctx, args[0])
+        return super().resolve_command(ctx, args)
+
+    def _suggest(self, ctx: click.Context, name: str) -> None:
+        """Suggest the right import for a path, and for a name that begins as several do; else click suggests one.
+
+        Raises:
+            click.UsageError: there is a suggestion.
+        """
+        from semcal_cli.importing.recognition import recognise
+
+        if (source := recognise(Path(name))) is not None:
+            command = source.command(source.drive)
+            raise click.UsageError(f"{name} is {source.name}. Type `{command}`.", ctx)
+        if name.lower() in NAMES_OF_RECORDINGS:
+            raise click.UsageError(
+                f"No such command {name!r}. Recordings: `semcal import bag PATH -o DRIVE`.", ctx
+            )
+        names = [known for known in self.list_commands(ctx) if name.lower() in known]
+        if names:
+            raise click.UsageError(f"No such command {name!r}. Did you mean one of {', '.join(names)}?", ctx)
+
+
+NAMES_OF_RECORDINGS = ("ros", "ros1", "ros2", "rosbag", "rosbag2", "mcap", "db3", "foxglove", "recording")
+"""Words that somebody may type for `bag`."""
 
 
 @click.group(name="import", cls=Imports)
@@ -347,13 +383,27 @@ def bag(settings: BagSettings) -> None:
     colours. Intrinsics come from camera_info, the reference T_camera_lidar from /tf_static, and motion from odometry or
     /tf. Damaged parts are reported and left out.
     """
-    for package in ("rosbags", "mcap"):
-        check_installed("semcal import bag", package, "bag")
-    if settings.odometry:
-        check_installed("--odometry", "kiss_icp", "odometry")
     if settings.is_list:
+        _check_libraries()
         _list(settings.paths)
         return
+    import_recording(settings)
+
+
+def _check_libraries() -> None:
+    for package in ("rosbags", "mcap"):
+        check_installed("recordings", package, "bag")
+
+
+def import_recording(settings: BagSettings, *, is_last: bool = True) -> WrittenDrive:
+    """Make a drive from a recording, and print what was written, and which command comes next if this one is the last.
+
+    Raises:
+        InputError: the recording or an option is wrong, or a library is missing.
+    """
+    _check_libraries()
+    if settings.odometry:
+        check_installed("--odometry", "kiss_icp", "odometry")
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.lidar import Spin
     from semcal_cli.importing.accumulated_drive import check_accumulated
@@ -380,18 +430,19 @@ def bag(settings: BagSettings) -> None:
         left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
         if others := sum(count for _, count in rows[MAX_REASONS:]):
             left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
-        is_last = settings.accumulate is None
+        is_last = is_last and settings.accumulate is None
         _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out), is_last=is_last)
     if settings.accumulate is not None:
         drive = read_drive(done.written.path)
         accumulate_into(settings.output, drive, settings, seconds=settings.accumulate, force=settings.force)
+    return done.written
 
 
 def _list(paths: tuple[Path, ...]) -> None:
     """Print the topics as a table."""
     from semcal_cli.importing.bags.bag import Bag
-    from semcal_cli.importing.bags.messages import NS
     from semcal_cli.importing.bags.topics import roles
+    from semcal_cli.importing.sweep_odometry import NS
 
     with Bag(paths) as recording:
         uses = roles(recording)
@@ -412,19 +463,38 @@ def _list(paths: tuple[Path, ...]) -> None:
         click.echo(f"note: {remark}", err=True)
 
 
-def _dataset_command(name: str, summary: str, help: str) -> click.Command:
-    def read(settings: DatasetSettings) -> None:
-        from semcal_cli.importing.recording import Request, join_sequences
+def import_dataset(name: str, settings: DatasetSettings, *, is_last: bool = True) -> WrittenDrive:
+    """Make a drive from a data set, and print what was written, and which command comes next if this one is the last.
 
-        sequences: list[str | None] = [*dict.fromkeys(settings.sequences)] or [None]
+    Raises:
+        ChoiceError: there are several sequences or cameras.
+        InputError: a file or an option is wrong.
+    """
+    from semcal_cli.importing.recognition import recognise
+    from semcal_cli.importing.recording import Request, join_sequences
+
+    sequences: list[str | None] = [*dict.fromkeys(settings.sequences)] or [None]
+    try:
         recordings = {
             str(sequence): read_dataset(name, made_of(Request, settings, sequence=sequence))
             for sequence in sequences
         }
-        by_name = settings.image_labels is not None or settings.point_labels is not None
-        settings.write(
-            join_sequences(recordings, are_labelled_by_name=by_name, by_odometry=settings.odometry)
-        )
+    except ChoiceError:
+        raise
+    except InputError as error:
+        source = recognise(settings.root)
+        if source is None or (source.kind, source.root) == (name, settings.root):
+            raise
+        command = source.command(settings.output)
+        raise InputError(f"{error}; {settings.root} looks like {source.name}: `{command}`") from None
+    by_name = settings.image_labels is not None or settings.point_labels is not None
+    recording = join_sequences(recordings, are_labelled_by_name=by_name, by_odometry=settings.odometry)
+    return settings.write(recording, is_last=is_last)
+
+
+def _dataset_command(name: str, summary: str, help: str) -> click.Command:
+    def read(settings: DatasetSettings) -> None:
+        import_dataset(name, settings)
 
     return SettingsCommand(
         name,
@@ -445,6 +515,7 @@ class FolderSettings(ImportSettings):
 
     rules = [
         given("--image-classes").requires("--image-labels"),
+        given("--reference-direction").requires("--reference"),
         given("--point-type").requires("--point-columns"),
         given("--accumulate").excludes("--frames", "--max-frames", "--spread"),
     ]
@@ -464,6 +535,10 @@ class FolderSettings(ImportSettings):
         "Camera model, if the intrinsics file names none or the wrong one.", metavar="NAME"
     )
     reference: Path | None = option("T_camera_lidar to compare with, in any known format.", metavar="FILE")
+    reference_direction: Direction | None = option(
+        "Direction of the matrix in the --reference file, if the file does not state it: p_camera = T p_lidar, or "
+        "p_lidar = T p_camera."
+    )
     synchronization: Synchronization = option(
         "What ties images and clouds: a trigger (hardware), their recorded times (stamps), or nothing known.",
         default="unknown",
@@ -492,8 +567,42 @@ class FolderSettings(ImportSettings):
     )
 
 
+class FolderCommand(SettingsCommand["FolderSettings"]):
+    """A command whose patterns the shell must not expand."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments; files in place of a pattern get the pattern to type.
+
+        Raises:
+            click.UsageError: the shell has expanded a pattern, or an option is wrong.
+        """
+        stray = {option: files for option in SUFFIXES_OF if len(files := _values(args, option)) > 1}
+        if stray:
+            patterns = [shlex.join([option, _pattern_of(files)]) for option, files in stray.items()]
+            raise click.UsageError(
+                f"The shell has expanded the pattern. Quote it: {', '.join(patterns)}.", ctx
+            )
+        return super().parse_args(ctx, args)
+
+
+SUFFIXES_OF = ("--points", "--point-labels", "--image-labels", "--images")
+"""Options that take a pattern."""
+
+
+def _values(args: list[str], option: str) -> list[str]:
+    """List the words between an option and the next one."""
+    rest = args[args.index(option) + 1 :] if option in args else []
+    return [*takewhile(lambda word: not word.startswith("-"), rest)]
+
+
+def _pattern_of(files: list[str]) -> str:
+    """Write a pattern for files that a shell has listed."""
+    first = Path(files[0])
+    return str(first.with_name(f"*{first.suffix}"))
+
+
 @import_.command(
-    cls=SettingsCommand,
+    cls=FolderCommand,
     settings=FolderSettings,
     short_help="Your own files, found by patterns and paired by time or by name.",
     help="""Make a drive from your own files.
@@ -515,7 +624,7 @@ def folder(settings: FolderSettings) -> None:
     from semcal_cli.importing.folder import Folder, read
 
     # The labels are found by their patterns, and are part of the recording.
-    labels = {"image_labels": None, "point_labels": None}
+    labels: dict[str, Any] = {"image_labels": None, "point_labels": None}
     if settings.accumulate is None:
         settings.write(read(made_of(Folder, settings)), **labels)
         return

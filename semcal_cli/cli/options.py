@@ -49,13 +49,14 @@ MANY_POINTS = "Refuse sweeps with more than N points, and cloud files with more 
 
 def result_file(
     help: str = "File for the result: .yaml, .yml or .json. If it is - or not given, YAML goes to standard output.",
+    default: Path | None = None,
 ) -> Any:
     """Make the option -o for the result file; standard output is None, however it is named."""
 
     def callback(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
         return None if path is not None and descriptor(path) == 1 else path
 
-    return output_file(help, "-o", "--output", callback=callback)
+    return output_file(help, "-o", "--output", callback=callback, default=default)
 
 
 def json_flag() -> Any:
@@ -105,7 +106,7 @@ def cue_list() -> Any:
 class QuietSettings:
     """The option of every command that shows its progress."""
 
-    quiet: bool = option("Print only the result and errors.", "-q", "--quiet", default=False)
+    quiet: bool = option("Print only the result, the verdict and errors.", "-q", "--quiet", default=False)
     verbose: bool = False
     """Whether to show expert figures, too."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,8 +19,8 @@ from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.tables import figures, labelled, shown_reasons, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.document import Drive, drive_file
-from semcal_cli.errors import InputError
-from semcal_cli.files.documents import output_format
+from semcal_cli.errors import InputError, counted, shell
+from semcal_cli.files.documents import output_format, read_document
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import (
     STANDARD_OUTPUT,
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from semcal_cli.result.calibration_document import CalibrationDocument
 
 EXIT_NOT_TRUSTED = 3
+OWN_RESULTS = {"semcal_calibration", "semcal_transform"}
+"""Version keys of the files that a new result may replace."""
 MAX_IMAGES = 20
 """Largest number of frames with an overlay, evenly spaced."""
 
@@ -71,6 +73,10 @@ class Outputs:
     """Whether the result is printed as JSON, with nothing else on standard output."""
     has_next_steps: bool = True
     """Whether possible next commands are named after the verdict."""
+    replaces_any: bool = True
+    """Whether any existing file is replaced by the result, and not only a calibration of semcal."""
+    names_commands: bool = False
+    """Whether the command that makes the report or the overlays alone is printed with them."""
 
     @classmethod
     def of_result(cls, settings: ResultSettings) -> Outputs:
@@ -132,6 +138,27 @@ class Outputs:
             write_transform(np.eye(4), None, name, replace(options, intrinsics=drive.camera))
         elif self.output is not None:
             output_format(self.output)
+            self.check_replaced()
+
+    def check_replaced(self) -> None:
+        """Check that the result replaces nothing but a calibration of semcal, unless that is wanted.
+
+        Raises:
+            InputError: another file is in its place.
+        """
+        if (
+            self.replaces_any
+            or self.output is None
+            or not self.output.is_file()
+            or not self.output.stat().st_size
+        ):
+            return
+        with suppress(InputError):
+            if OWN_RESULTS & read_document(self.output).keys():
+                return
+        raise InputError(
+            f"{self.output}: found a file that is no calibration of semcal; choose another -o, or add --force"
+        )
 
     def check_images(self, drive: Drive) -> None:
         """Check the images that points will be drawn on; the drive has only the frames that are used.
@@ -177,7 +204,7 @@ class Outputs:
         terminal.print_verdict("\n".join(verdict_lines(calibration)), calibration.status)
         if self.has_next_steps and self.to is None and self.output is not None:
             leading = precedence.leading(calibration.topics)
-            steps = after_calibration(calibration, self.output, leading)
+            steps = after_calibration(calibration, self.output, leading, has_overlays=self.images is not None)
             terminal.print(*(labelled(*step) for step in steps))
         _report(calibration, written_to).tell_github()
         return exit_code(calibration)
@@ -211,9 +238,20 @@ class Outputs:
             if self.page is not None:
                 write_report(report, self.page, terminal.show)
                 terminal.print_paths("report", [self.page])
+                self._name_command(terminal, "report", drive, self.page)
             if self.images is not None:
                 terminal.show("drawing points on images")
-                terminal.print_paths("image", report.overlays(MAX_IMAGES).write_all(self.images))
+                paths = [*report.overlays(MAX_IMAGES).write_all(self.images)]
+                if self.names_commands:
+                    terminal.print(labelled("overlays", f"{counted(len(paths), 'image')} in {self.images}"))
+                else:
+                    terminal.print_paths("image", paths)
+                self._name_command(terminal, "overlay", drive, self.images)
+
+    def _name_command(self, terminal: Terminal, command: str, drive: Drive, output: Path) -> None:
+        """Print the command that makes the report or the overlays alone."""
+        if self.names_commands and self.output is not None:
+            terminal.print(labelled("alone", shell(command, drive.argument, self.output, "-o", output)))
 
 
 def _report(calibration: CalibrationDocument, written_to: str) -> CiReport:

@@ -15,8 +15,9 @@ import click
 from semcal_cli.cli.jobs import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
+from semcal_cli.cli.start import choose_start
 from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
-from semcal_cli.errors import CalibrationError, InputError, SemcalError
+from semcal_cli.errors import CalibrationError, InputError, NoStartError, SemcalError
 from semcal_cli.events import Listener
 from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.input_files import is_folder
@@ -74,14 +75,17 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         check_outputs(read, *(camera.output for camera in outputs.values()), result, settings.log, page)
         for name, drive in drives.items():
             outputs[name].check(drive)
+        starts = _choose_starts(rig, drives, settings)
     set_num_threads(settings.threads)
     sweeps, hashes, config = SweepCache(), dict[str, str](), settings.config
-    calibrate = settings.calibration()
 
     def run(name: str, on_event: Listener) -> CalibrationDocument:
+        started = starts[name]
+        if isinstance(started, NoStartError):
+            raise started
         data = load(drives[name], config, on_event, sweeps)
-        calibration = calibrate(data, on_event=on_event)
-        return outputs[name].with_provenance(calibration, data, hashes=hashes)
+        calibration = started.calibration()(data, on_event=on_event)
+        return outputs[name].with_provenance(calibration, data, started.initial_pose, hashes)
 
     jobs = [Job(name, partial(run, name), outputs[name], settings.terminal()) for name in drives]
     cameras, failures = calibrate_each(jobs, settings.threads)
@@ -103,6 +107,31 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     if failures:
         raise CalibrationError(failure_sentence(failures, len(drives)))
     return exit_code(result_of_rig)
+
+
+def _choose_starts(
+    rig: Rig, drives: Mapping[str, Drive], settings: CalibrateSettings
+) -> dict[str, CalibrateSettings | NoStartError]:
+    """Choose the start of each camera, and print it.
+
+    Raises:
+        InputError: no camera has one.
+    """
+    starts: dict[str, CalibrateSettings | NoStartError] = {}
+    terminal = settings.terminal()
+    for name, drive in drives.items():
+        try:
+            starts[name], sentence = choose_start(settings, drive)
+            terminal.print(labelled("start", f"{name}: {sentence}"))
+        except NoStartError as error:
+            starts[name] = error
+    if all(isinstance(start, NoStartError) for start in starts.values()):
+        raise InputError(
+            f"{rig.path}: {', '.join(starts)} have no labels and no motion, so each needs a start within 5 degrees and "
+            "0.3 m: state T_camera_lidar in its drive.yaml (`semcal view DRIVE -o FILE` makes one by hand), or label "
+            "its images (`semcal label DRIVE --image-model cityscapes -o DRIVE`)"
+        )
+    return starts
 
 
 @contextmanager

@@ -7,7 +7,8 @@ commands share, and their rules.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Sequence
 from dataclasses import Field, field, fields
 from inspect import get_annotations
 from pathlib import Path
@@ -18,7 +19,7 @@ import click
 
 from semcal_cli.cli.rules import given_parameters
 from semcal_cli.config.setting import KEY, settings_of
-from semcal_cli.errors import MisplacedError
+from semcal_cli.errors import ChoiceError, InputError, MisplacedError, first_of
 from semcal_cli.files.output_files import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
 from semcal_cli.plugins import Plugins
 
@@ -27,6 +28,10 @@ Made = TypeVar("Made")
 PARAMETER, IS_ARGUMENT = "parameter", "is_argument"
 KNOWN_TRANSFORMS = "a calibration, a drive with a reference, or any format that `convert --formats` lists"
 LIMITS = ("minimum", "maximum", "above", "below")
+WORDS = "semcal.words of "
+"""Key of what was typed after the name of a command."""
+MAX_COMMANDS = 8
+"""Largest number of commands that an error lists."""
 OPTIONS = "Options"
 """Heading in the help for options without a section of their own."""
 
@@ -260,6 +265,7 @@ class SettingsCommand(click.Command, Generic[Settings]):
         Raises:
             click.UsageError: the options break a rule, or both --json and another output go to standard output.
         """
+        ctx.meta[f"{WORDS}{ctx.command_path}"] = [*args]
         rest = super().parse_args(ctx, args)
         if ctx.resilient_parsing:
             return rest
@@ -275,19 +281,50 @@ class SettingsCommand(click.Command, Generic[Settings]):
         return self.settings(**{name: ctx.params[name] for name in names if name in ctx.params})
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Call the command with its settings; an error about a misplaced file states the order of the arguments."""
+        """Call the command with its settings; errors about its input say what to type instead."""
         assert self.callback is not None
         try:
             return ctx.invoke(self.callback, self.settings_in(ctx))
         except MisplacedError as error:
-            needed = [item for item in self.params if item.required or isinstance(item, click.Argument)]
-            if not any(item.name == "drive" for item in needed):
+            raise self._with_order(ctx, error) from None
+        except ChoiceError as error:
+            raise InputError(self._with_commands(ctx, error)) from None
+        except InputError:
+            if (advice := self._advice(ctx)) is None:
                 raise
-            words = [ctx.command_path]
-            for parameter in needed:
-                words += [parameter.opts[0]] if isinstance(parameter, click.Option) else []
-                words.append(parameter.make_metavar(ctx))
-            raise MisplacedError(f"{error}; the order is `{' '.join(words)}`") from None
+            raise InputError(advice) from None
+
+    def _with_order(self, ctx: click.Context, error: MisplacedError) -> MisplacedError:
+        """State the order of the arguments in an error about a misplaced file."""
+        needed = [item for item in self.params if item.required or isinstance(item, click.Argument)]
+        if not any(item.name == "drive" for item in needed):
+            return error
+        words = [ctx.command_path]
+        for parameter in needed:
+            words += [parameter.opts[0]] if isinstance(parameter, click.Option) else []
+            words.append(parameter.make_metavar(ctx))
+        return MisplacedError(f"{error}; the order is `{' '.join(words)}`")
+
+    def _with_commands(self, ctx: click.Context, error: ChoiceError) -> str:
+        """Write what was typed once with each choice, if the command has their options."""
+        known = {name for parameter in self.params for name in parameter.opts}
+        if not error.choices or not all(known.issuperset(words[::2]) for words in error.choices):
+            return str(error)
+        typed = [*ctx.command_path.split(), *typed_words(ctx)]
+        commands = [f"`{shlex.join([*typed, *words])}`" for words in error.choices]
+        return f"{error.problem}, choose one: {', '.join(first_of(commands, MAX_COMMANDS))}"
+
+    def _advice(self, ctx: click.Context) -> str | None:
+        """Describe what to do with a recording, a data set or a folder in place of a drive; None if there is none."""
+        from semcal_cli.importing.recognition import recognise
+
+        if getattr(self.settings, "takes_recordings", False):
+            return None
+        given = ctx.params.get("drive"), *(ctx.params.get("drives") or ())
+        for path in map(Path, filter(None, given)):
+            if (source := recognise(path)) is not None:
+                return source.advice(path)
+        return None
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options by section, those without one last."""
@@ -298,6 +335,22 @@ class SettingsCommand(click.Command, Generic[Settings]):
         for title in sorted(sections, key=OPTIONS.__eq__):
             with formatter.section(title):
                 formatter.write_dl(sections[title])
+
+
+def typed_words(context: click.Context) -> list[str]:
+    """List what was typed after the name of a command."""
+    return [*context.meta[f"{WORDS}{context.command_path}"]]
+
+
+def without_option(words: Sequence[str], name: str) -> list[str]:
+    """Leave out an option with a value from what was typed, wherever it stands."""
+    kept, left = [], iter(words)
+    for word in left:
+        if word == name:
+            next(left, None)
+        elif not word.startswith(f"{name}="):
+            kept.append(word)
+    return kept
 
 
 def _check_stdout_is_free(context: click.Context) -> None:

@@ -86,8 +86,9 @@ class Terminal:
         self.print(*(labelled(label, str(path)) for path in paths))
 
     def print_verdict(self, line: str, status: str) -> None:
-        """Print the line with the verdict, in its colour on a terminal."""
-        self.console.print(line, style=COLORS[status], markup=False)
+        """Print the verdict in its colour on a terminal; in one line, if nothing else is printed."""
+        text = " ".join(line.split()) if self.console.quiet else line
+        make_console().print(text, style=COLORS[status], markup=False)
 
     def log_document(self, num_threads: int | None) -> dict[str, object]:
         """Make the document of times, host and threads."""

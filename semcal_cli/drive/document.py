@@ -221,7 +221,8 @@ class Drive(StrictModel):
     networks: LabelNetworks | None = None
     """Networks that made the labels, as written by `semcal label`; a result repeats them."""
     T_camera_lidar: RigidTransform | None = None
-    """Reference transform, p_camera = T_camera_lidar * p_lidar. Used only for comparisons."""
+    """Known transform, p_camera = T_camera_lidar * p_lidar: for comparisons, and a start where labels do not find the
+    mounting."""
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
     _max_points: int = PrivateAttr(default=MAX_POINTS)
@@ -290,6 +291,11 @@ class Drive(StrictModel):
     def path(self) -> Path:
         """The file that was read."""
         return self._path
+
+    @property
+    def argument(self) -> Path:
+        """The drive as an argument of a command: its folder, unless its file has another name than usual."""
+        return self.path.parent if self.path.name == DRIVE_FILE else self.path
 
     @property
     def root(self) -> Path:

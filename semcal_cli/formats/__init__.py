@@ -73,6 +73,8 @@ def read_extrinsic(
         # Commands that read a transform as one input of several have at most one of these options.
         before, option, after = str(error).partition("--direction" if direction_option else "\0")
         convert = "; `semcal convert` takes this option" if OPTION.search(before + after) else ""
+        if "--direction lidar-to-camera" in before:
+            convert = f"; first: `semcal convert {path} --direction lidar-to-camera --to semcal -o T.yaml`"
         raise type(error)(f"{before}{option and direction_option}{after}{convert}") from None
     return Extrinsic(T_camera_lidar, source)
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import InputError, counted, describe, listed, one_of
+from semcal_cli.errors import ChoiceError, InputError, counted, describe, listed, one_of
 from semcal_cli.files.validation import key_part, validate
 from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 from semcal_cli.geometry.poses import check_rigid, nearest_rigid
@@ -153,7 +153,13 @@ def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
 
 
 def pick(
-    kind: str, name: str | None, names: Sequence[str], where: object, *, default: str | None = None
+    kind: str,
+    name: str | None,
+    names: Sequence[str],
+    where: object,
+    *,
+    default: str | None = None,
+    expected: str | None = None,
 ) -> str:
     """Choose a sequence, a camera or the like: the named one, or else the default, or else the only one.
 
@@ -163,16 +169,24 @@ def pick(
         names: All names.
         where: The file or folder, for messages.
         default: Default name.
+        expected: What is expected where there is none, for messages.
+
+    Raises:
+        ChoiceError: none is named, and there are several.
+        InputError: there is none, or none of this name.
     """
     choice = default if name is None else name
     if not names:
-        raise InputError(f"{where}: found no {kind}, needed {default or 'one'}")
+        raise InputError(f"{where}: found no {kind}, expected {expected or default or 'one'}")
     if choice in names:
         return str(choice)
     if choice is None and len(names) == 1:
         return names[0]
-    problem = "none given" + (f", and no {default}" if default else "") if name is None else f"found {name!r}"
-    raise InputError(f"{where}: {kind}: {problem}, needed {one_of(choice or '', names)}")
+    needed = one_of(choice or "", names)
+    if name is not None:
+        raise InputError(f"{where}: {kind}: found {name!r}, needed {needed}")
+    found = counted(len(names), kind) + (f", and no {default}" if default else "")
+    raise ChoiceError(f"{where}: found {found}", needed, [(f"--{kind}", known) for known in names])
 
 
 def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:

@@ -24,43 +24,63 @@ class Dataset(NamedTuple):
     """Module in this folder, and its function that turns a `Request` into a `Recording`."""
     summary: str
     """One line of help."""
+    signs: tuple[str, ...] = ()
+    """Patterns of what is in ROOT, by which it is recognised if all of them match; `|` separates alternatives."""
+    has_sequence_folders: bool = False
+    """Whether the folder of a sequence, or the one that it is in, is recognised, too."""
 
 
 DATASETS = {
     "kitti-odometry": Dataset(
         "kitti.read_odometry",
         "KITTI odometry: ROOT/sequences/00/velodyne; cameras image_0 to image_3, by default image_2.",
+        ("sequences/*/velodyne",),
+        has_sequence_folders=True,
     ),
     "semantickitti": Dataset(
-        "kitti.read_semantickitti", "SemanticKITTI: KITTI odometry with ROOT/sequences/00/labels."
+        "kitti.read_semantickitti",
+        "SemanticKITTI: KITTI odometry with ROOT/sequences/00/labels.",
+        ("sequences/*/velodyne", "sequences/*/labels"),
+        has_sequence_folders=True,
     ),
     "kitti-raw": Dataset(
         "kitti.read_raw",
         "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, by default image_02.",
+        ("*/*_sync/velodyne_points",),
+        has_sequence_folders=True,
     ),
     "kitti-object": Dataset(
         "kitti.read_object",
         "KITTI object: ROOT/training/velodyne; frames that share a calibration; cameras image_2 and image_3, by "
         "default image_2.",
+        ("velodyne|training/velodyne", "image_[23]|training/image_[23]"),
     ),
     "kitti-360": Dataset(
         "kitti_360.read",
         "KITTI-360: ROOT/data_3d_semantics, or data_3d_raw; cameras image_00 to image_03, by default image_00.",
+        ("data_3d_raw|data_3d_semantics", "calibration"),
     ),
     "rellis-3d": Dataset(
-        "rellis_3d.read", "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node."
+        "rellis_3d.read",
+        "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node.",
+        ("[0-9][0-9][0-9][0-9][0-9]/os1_cloud_node_kitti_bin",),
+        has_sequence_folders=True,
     ),
     "nuscenes": Dataset(
         "nuscenes.read",
         "nuScenes keyframes: ROOT/v1.0-mini, samples, lidarseg; sequences are scenes, such as scene-0061; cameras are "
         "channels, by default CAM_FRONT.",
+        ("v1.0-*",),
     ),
     "carla": Dataset(
         "carla.read",
         "CARLA's `save_to_disk`: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
+        ("sensors.json",),
     ),
     "opencalib": Dataset(
-        "opencalib.read", "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg."
+        "opencalib.read",
+        "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg.",
+        ("calib.pcd|*/calib.pcd", "calib.txt|*/calib.txt"),
     ),
 }
 PLUGINS = Plugins("semcal.datasets", (*DATASETS, "bag", "folder"))

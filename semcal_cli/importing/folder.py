@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.directions import Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
@@ -18,6 +19,7 @@ from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.importing.dataset_tree import (
@@ -62,6 +64,8 @@ class Folder:
     """Camera model, if the file of the intrinsics names none or a wrong one."""
     reference: Path | None = None
     """File of a transform to compare with."""
+    reference_direction: Direction | None = None
+    """Direction of a matrix whose file does not state it."""
     synchronization: Synchronization = "unknown"
     """What ties the images to the moments of the clouds."""
     max_points: int = MAX_POINTS
@@ -141,7 +145,9 @@ def read(folder: Folder) -> Recording:
     return Recording(
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
-        T_camera_lidar=None if folder.reference is None else _reference(folder.reference),
+        T_camera_lidar=None
+        if folder.reference is None
+        else _reference(folder.reference, folder.reference_direction),
         synchronization=folder.synchronization,
         point_form=form,
         remarks=(*own_labels, *unit_remarks, *point_labels.remarks, *image_labels.remarks, *images.remarks),
@@ -203,6 +209,8 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     return Partners(partners, stamps_s(files), (counts,) if any(num_unpaired) or is_by_number else ())
 
 
-def _reference(path: Path) -> Pose:
+def _reference(path: Path, direction: Direction | None) -> Pose:
+    options = FormatOptions(direction=direction)
     with np.errstate(all="ignore"):
-        return rigid(f"{path}", read_transform(path), MAX_TRANSLATION_M)
+        T = read_transform(path, None, options, direction_option="--reference-direction")
+    return rigid(f"{path}", T, MAX_TRANSLATION_M)

@@ -168,7 +168,15 @@ def read_raw(request: Request) -> Recording:
     }
     choices = {drive.name: [drive] for drive in drives}
     choices |= {day: drives_of_day for day, drives_of_day in days.items() if len(drives_of_day) > 1}
-    chosen = choices[pick("sequence", request.sequence, list(choices), request.root)]
+    chosen = choices[
+        pick(
+            "sequence",
+            request.sequence,
+            list(choices),
+            request.root,
+            expected="2011_09_26/2011_09_26_drive_0001_sync/velodyne_points in ROOT",
+        )
+    ]
     day = request.root / chosen[0].name[: len("2011_09_26")]
     cameras = [name for name in folders(chosen[0]) if name.startswith("image_")]
     camera = pick("camera", request.camera, cameras, chosen[0], default="image_02")

@@ -53,7 +53,13 @@ def read(request: Request) -> Recording:
     """
     root = request.root
     sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
-    sequence = pick("sequence", request.sequence, sequences, root)
+    sequence = pick(
+        "sequence",
+        request.sequence,
+        sequences,
+        root,
+        expected="folders such as data_3d_raw/2013_05_28_drive_0000_sync in ROOT",
+    )
     camera = pick("camera", request.camera, [*PERSPECTIVE, *FISHEYES], root, default=DEFAULT_CAMERA)
     rectified = _is_rectified(camera, request.rectified)
     block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)

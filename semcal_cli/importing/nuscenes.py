@@ -85,7 +85,13 @@ def read(request: Request) -> Recording:
         InputError: the scene, the camera, a row or a file is missing or wrong, or no keyframe is complete.
     """
     versions = [name for name in folders(request.root) if name.startswith("v1.0")]
-    version = pick("version", request.version, versions, request.root)
+    version = pick(
+        "version",
+        request.version,
+        versions,
+        request.root,
+        expected="folders such as v1.0-mini and samples in ROOT",
+    )
     tables = Tables(request.root, request.root / version)
     sensors = dict(tables.rows("calibrated_sensor"))
     keyframes = _keyframes(tables, sensors, request)

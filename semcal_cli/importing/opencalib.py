@@ -24,7 +24,13 @@ def read(request: Request) -> Recording:
     folder = request.root
     if request.sequence is not None or not (folder / "calib.txt").exists():
         names = [name for name in folders(folder) if (folder / name / "calib.txt").exists()]
-        folder /= pick("sequence", request.sequence, names, folder)
+        folder /= pick(
+            "sequence",
+            request.sequence,
+            names,
+            folder,
+            expected="folders such as 1 with calib.txt and calib.pcd",
+        )
     lines, image = read_keyed(folder / "calib.txt"), files_by_stem(folder, ".png", ".jpg").get("calib")
     if image is None:
         raise InputError(f"{folder}: found neither calib.png nor calib.jpg, needed one of them")

@@ -36,7 +36,13 @@ def read(request: Request) -> Recording:
         InputError: the sequence, the camera or a file is missing or wrong, or no frame is complete.
     """
     sequences = [name for name in folders(request.root) if re.fullmatch("[0-9]{5}", name)]
-    folder = request.root / pick("sequence", request.sequence, sequences, request.root)
+    folder = request.root / pick(
+        "sequence",
+        request.sequence,
+        sequences,
+        request.root,
+        expected="folders such as 00000/os1_cloud_node_kitti_bin in ROOT",
+    )
     pick("camera", request.camera, [CAMERA], folder)
     clouds = files_by_stem(folder / "os1_cloud_node_kitti_bin", ".bin")
     images = _by_number(folder / CAMERA, ".jpg", ".png")

@@ -36,7 +36,7 @@ from semcal_cli.estimation.refine.pyramid import Level, Refinement, refine_pose
 from semcal_cli.estimation.refine.several_starts import pyramid_of
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting_search import GIVEN, Initialization, search_mountings, unsearched
-from semcal_cli.estimation.search.start_by_motion import needed_start, start_by_motion
+from semcal_cli.estimation.search.start_by_motion import start_by_motion, what_finds_mountings
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.estimation.uncertainty.motion_error import covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import sum_of
@@ -115,8 +115,9 @@ def initialize(
 
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
+        NoStartError: a start is needed, and motion gives none.
         InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search by edges is
-            requested without image labels, and motion does not determine the mounting.
+            requested without image labels.
     """
     if initial_pose is None and not data.policy.can_find_mounting:
         start = partial(
@@ -126,7 +127,11 @@ def initialize(
     T_start = None if initial_pose is None else initial_pose.T_camera_lidar
     is_searched = T_start is None or config.search_deg is not None
     if is_searched and not data.policy.can_find_mounting:
-        raise InputError(f"{data.drive.path}: {needed_start(data.policy.near_only, data.drive)}")
+        cues = " and ".join(data.policy.near_only)
+        raise InputError(
+            f"{data.drive.path}: found a search by {cues}, which cannot find the mounting; leave out --search-deg "
+            f"(`search_deg`), or add {what_finds_mountings(data.drive)}"
+        )
 
     def is_possible(T_camera_lidar: Pose) -> bool:
         return all(prior.allows(T_camera_lidar, INITIAL_M, math.radians(INITIAL_DEG)) for prior in priors)

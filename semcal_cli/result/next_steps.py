@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from semcal_cli.documentation import ADDRESS, entry_address
 from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.errors import shell
 from semcal_cli.findings.finding import Leading
 from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 
@@ -23,26 +23,23 @@ TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
 """Address of the page that explains every finding, for results of older versions, which have no topics."""
 
 
-def shell(*words: object) -> str:
-    """Write a command of semcal, quoted for the shell."""
-    return shlex.join(["semcal", *map(str, words)])
-
-
-def drive_name(path: Path) -> Path:
-    """Name a drive by its folder, which is shorter, unless its file has another name than usual."""
-    return path.parent if path.name == DRIVE_FILE else path
-
-
 def after_import(drive: Drive) -> str:
-    """Write the command that follows the import of a drive; a network labels images without labels."""
-    first, name = drive.frames[0], drive_name(drive.path)
+    """Write the command that follows the import of a drive; a network labels images if nothing else gives a start."""
+    first, name = drive.frames[0], drive.argument
     if first.image_labels is None and first.image is None:
         return shell("inspect", name)
-    network = [] if first.image_labels is not None else ["--image-model", "cityscapes"]
+    has_start = first.image_labels is not None or drive.T_camera_lidar is not None
+    network = [] if has_start else ["--image-model", "cityscapes"]
     return shell("calibrate", name, *network, "-o", "calibration.yaml")
 
 
-def after_calibration(calibration: CalibrationDocument, result: Path, leading: Leading | None = None) -> Rows:
+def after_calibration(
+    calibration: CalibrationDocument,
+    result: Path,
+    leading: Leading | None = None,
+    *,
+    has_overlays: bool = False,
+) -> Rows:
     """Describe what to do with a calibration that was written to a file.
 
     A trusted result is looked at, converted for a robot, and verified later. Each kind of reason against another one
@@ -53,8 +50,10 @@ def after_calibration(calibration: CalibrationDocument, result: Path, leading: L
         calibration: The calibration.
         result: Its file.
         leading: The reasons to name, if not all are.
+        has_overlays: Whether its overlays are drawn already.
     """
-    drive = drive_name(Path(os.path.normpath(result.parent / calibration.input.drive)))
+    drive = Path(os.path.normpath(result.parent / calibration.input.drive))
+    drive = drive.parent if drive.name == DRIVE_FILE else drive
     if calibration.status == "not_assessed":
         refined = result.with_stem(f"{result.stem}_refined")
         return [("next", shell("refine", drive, "--init", result, "-o", refined))]
@@ -69,8 +68,9 @@ def after_calibration(calibration: CalibrationDocument, result: Path, leading: L
             *zip(labels, entries, strict=True),
         ]
     if calibration.status == "trusted":
+        overlay = shell("overlay", drive, result, "-o", result.with_name(f"{result.stem}_overlay"))
         return [
-            ("next", shell("overlay", drive, result, "-o", result.with_name(f"{result.stem}_overlay"))),
+            *([] if has_overlays else [("next", overlay)]),
             ("for a robot", shell("convert", result, "--to", "ros2-static-transform")),
             ("on a later drive", f"semcal verify checks whether {result.name} still holds"),
         ]

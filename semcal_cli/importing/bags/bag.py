@@ -20,6 +20,14 @@ from semcal_cli.files.input_files import is_folder, is_same_file, open_file, rea
 from semcal_cli.formats.node import Node
 from semcal_cli.importing.bags.mcap_file import McapFile
 from semcal_cli.importing.bags.messages import NS, Message, Span, Topic
+from semcal_cli.importing.bags.recording_files import (
+    MAGIC_BYTES,
+    MCAP_MAGIC,
+    METADATA,
+    ROS1_MAGIC,
+    SQLITE_MAGIC,
+    SUFFIXES,
+)
 from semcal_cli.importing.bags.ros1_file import Ros1File
 from semcal_cli.importing.bags.sqlite_file import SqliteFile
 from semcal_cli.importing.bags.unpacking import ZSTD_MAGIC, unpack
@@ -49,13 +57,11 @@ class StorageFormat(NamedTuple):
 
 
 FORMATS = {
-    b"#ROSBAG V": StorageFormat(Ros1File, "rosbag reindex"),
-    b"\x89MCAP0\r\n": StorageFormat(McapFile, "mcap recover"),
-    b"SQLite format 3\0": StorageFormat(SqliteFile, "sqlite3 FILE .recover"),
+    ROS1_MAGIC: StorageFormat(Ros1File, "rosbag reindex"),
+    MCAP_MAGIC: StorageFormat(McapFile, "mcap recover"),
+    SQLITE_MAGIC: StorageFormat(SqliteFile, "sqlite3 FILE .recover"),
 }
 """Formats by the first bytes of a file."""
-SUFFIXES = (".bag", ".mcap", ".db3", ".zstd")
-METADATA = "metadata.yaml"
 MAX_RATIO, MAX_SMALL_BYTES = 100, 1 << 30
 """A compressed file may unpack to this multiple of its size, or to this many bytes if that is more."""
 PART_BYTES = 1 << 20
@@ -182,11 +188,11 @@ class Bag:
 
 
 def _open(path: Path, stack: ExitStack) -> Storage:
-    start = read_start(path, max(map(len, FORMATS)))
+    start = read_start(path, MAGIC_BYTES)
     source = path
     if start.startswith(ZSTD_MAGIC):
         source = _unpack_file(path, Path(stack.enter_context(TemporaryDirectory(prefix="semcal-"))))
-        start = read_start(source, max(map(len, FORMATS)))
+        start = read_start(source, MAGIC_BYTES)
     format = next((format for magic, format in FORMATS.items() if start.startswith(magic)), None)
     if format is None:
         description = f"{counted(path.stat().st_size, 'byte')} of an unknown format"

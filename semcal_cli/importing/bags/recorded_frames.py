@@ -124,7 +124,7 @@ def write_motion(
     if 2 * min(num_timed, len(covered)) < len(written):
         reason = "there are no poses around most frames"
         if 2 * num_timed < len(written):
-            reason = "most points have no times for deskewing, see --spin"
+            reason = "most points have no times, by which it would deskew them (`semcal import bag --spin` gives them)"
         return None, [frame.source for frame in written], f"{remark}, but {reason}; no motion is written"
     # The poses depend on the chosen frames, so the file belongs to this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from semcal_cli.config.directions import CameraFrame
 from semcal_cli.drive.lidar import Spin
-from semcal_cli.errors import InputError, check_installed, listed
+from semcal_cli.errors import ChoiceError, InputError, check_installed, counted, listed
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import Bayer
 from semcal_cli.importing.bags.messages import (
@@ -120,20 +120,33 @@ USES = {
     "motion": (ODOMETRY, POSE, *TRANSFORMS),
 }
 """Types of messages by their use."""
+CHOSEN = {
+    "points": (CLOUDS, "--points", "sweeps (PointCloud2, Livox CustomMsg, VelodyneScan)"),
+    "image": (IMAGES, "--image", "images (Image, CompressedImage, video)"),
+}
+"""Types of the topics of a pair, the option that names one, and what it holds, by the fields of `BagRequest`."""
+OF_INTRINSICS = (
+    [CAMERA_INFO],
+    "--camera-info",
+    "intrinsics (CameraInfo)",
+    "; needed one, or --intrinsics FILE",
+)
+"""The same of the intrinsics, and what to do where there are none."""
 
 
 def choose_topics(bag: Bag, request: BagRequest) -> Topics:
     """Choose the topics that the user names, or the only ones of their kind.
 
     Raises:
-        InputError: a kind has no topic or several, or there is no topic of a given name.
+        ChoiceError: there are several pairs of sweeps and images, or topics of intrinsics.
+        InputError: a kind has no topic, or there is none of a given name.
     """
-    points = _choose(
-        bag, CLOUDS, request.points, "--points", "sweeps (PointCloud2, Livox CustomMsg, VelodyneScan)"
-    )
+    sweeps, images = (_candidates(bag, getattr(request, use), *of) for use, of in CHOSEN.items())
+    if len(sweeps) * len(images) > 1:
+        raise _several(bag, request, sweeps, images)
+    (points,), (image,) = sweeps, images
     if points.is_a([VELODYNE]):
         check_installed(points.name, "velodyne_decoder", "velodyne")
-    image = _choose(bag, IMAGES, request.image, "--image", "images (Image, CompressedImage, video)")
     if image.is_a(VIDEOS):
         check_installed(image.name, "av", "bag")
     duplicates = (
@@ -143,10 +156,12 @@ def choose_topics(bag: Bag, request: BagRequest) -> Topics:
     if request.intrinsics is not None:
         return Topics(points, image, None, duplicates=duplicates)
     info_beside = _info_beside(bag, image) if request.camera_info is None else None
-    needed = "; needed one, or --intrinsics FILE"
-    info = info_beside or _choose(
-        bag, [CAMERA_INFO], request.camera_info, "--camera-info", "intrinsics (CameraInfo)", needed
-    )
+    infos = [info_beside] if info_beside else _candidates(bag, request.camera_info, *OF_INTRINSICS)
+    if len(infos) > 1:
+        choices = [("--camera-info", topic.name) for topic in infos]
+        found = f"{bag.paths[0]}: found {len(infos):,} topics of intrinsics, none beside {image.name}"
+        raise ChoiceError(found, f"one of: {listed(topic.name for topic in infos)}", choices)
+    (info,) = infos
     return Topics(
         points,
         image,
@@ -156,16 +171,21 @@ def choose_topics(bag: Bag, request: BagRequest) -> Topics:
     )
 
 
-def _choose(
-    bag: Bag, types: Sequence[str], name: str | None, option: str, kind: str, advice: str = ""
-) -> Topic:
+def _candidates(
+    bag: Bag, name: str | None, types: Sequence[str], option: str, kind: str, advice: str = ""
+) -> list[Topic]:
+    """List the topics of a kind, without copies in another encoding, or the one that the user names.
+
+    Raises:
+        InputError: there is none.
+    """
     topics = bag.of_types(types)
-    names = listed(topic.name for topic in topics)
     if name is not None:
         matches = [topic for topic in topics if topic.name == name]
         if not matches:
+            names = listed(topic.name for topic in topics)
             raise InputError(f"{option}: found no topic {name!r} of {kind}, needed one of: {names}")
-        return matches[0]
+        return matches
     if not topics:
         others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))
         if types is CLOUDS and (packets := bag.of_types(OUSTER)):
@@ -173,11 +193,25 @@ def _choose(
             advice = f"; to turn packets of an Ouster into sweeps, replay them: {replay}"
         raise InputError(f"{bag.paths[0]}: found no topic of {kind}, only {others}{advice}")
     duplicates = {other for topic in topics for other in _others_of(topics, topic)}
-    topics = [topic for topic in topics if topic not in duplicates]
-    if len(topics) > 1:
-        names = listed(topic.name for topic in topics)
-        raise InputError(f"{option}: found {len(topics):,} topics of {kind}, needed one of: {names}")
-    return topics[0]
+    return [topic for topic in topics if topic not in duplicates]
+
+
+def _several(bag: Bag, request: BagRequest, sweeps: Sequence[Topic], images: Sequence[Topic]) -> ChoiceError:
+    """Make the error that lists all pairs of topics of which one has to be chosen."""
+
+    def words(option: str, named: str | None, topics: Sequence[Topic], topic: Topic) -> tuple[str, ...]:
+        return (option, topic.name) if named is None and len(topics) > 1 else ()
+
+    pairs = [
+        (*words("--points", request.points, sweeps, points), *words("--image", request.image, images, image))
+        for points in sweeps
+        for image in images
+    ]
+    counts = " and ".join(
+        f"{counted(len(topics), 'topic')} of {kind}"
+        for topics, kind in ((sweeps, "sweeps"), (images, "images"))
+    )
+    return ChoiceError(f"{bag.paths[0]}: found {counts}", f"one pair: {listed(map(' '.join, pairs))}", pairs)
 
 
 def _others_of(topics: Sequence[Topic], topic: Topic) -> list[Topic]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from semcal_cli.config.directions import CameraFrame
 from semcal_cli.errors import InputError, listed
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.formats.frame_names import OPTICAL_WORDS, T_BODY_OPTICAL, has_word
 from semcal_cli.formats.node import MAX_WORLD_M, rigid
 from semcal_cli.geometry.arrays import Pose
@@ -22,8 +22,6 @@ Edge = tuple[str, str]
 """Parent and child."""
 CONTRADICTION = 1e-4
 """Difference between two chains that rounding does not explain, metres or entries of a rotation."""
-MIN_UPRIGHT = math.cos(math.radians(45.0))
-"""Smallest cosine of the angle between two z axes that are both called vertical: half-way to a horizontal one."""
 SAME = 1e-9
 """Largest difference between two transforms that are the same."""
 
@@ -123,13 +121,13 @@ def reference(
 
 def _doubts(camera: str, T_camera_lidar: Pose) -> list[str]:
     """Describe why a camera's frame may be a body frame: it is not called optical, and its z axis is the LiDAR's."""
-    upwards = float(T_camera_lidar[2, 2])
-    if has_word(camera, OPTICAL_WORDS) or abs(upwards) < MIN_UPRIGHT:
+    if has_word(camera, OPTICAL_WORDS) or not InitialPose(T_camera_lidar, camera).looks_along_z:
         return []
+    where = "up" if T_camera_lidar[2, 2] > 0.0 else "down"
     return [
         f"{camera!r} is probably a body frame (x forward, y left, z up): as an optical one (x right, y down, z "
-        f"forward), the camera looks {'up' if upwards > 0.0 else 'down'} along the LiDAR's z axis. --frame body "
-        "converts the reference, and --frame optical keeps it"
+        f"forward), the camera looks {where} along the LiDAR's z axis. --frame body converts the reference, and "
+        "--frame optical keeps it"
     ]
 
 

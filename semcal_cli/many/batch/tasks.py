@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TextIO, TypeAlias
 from pydantic import Field, model_validator
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.drive.document import DRIVE_FILE, Stamp, drive_file, first_stamp, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Stamp, drive_file, first_stamp, read_drive
 from semcal_cli.errors import InputError, printable
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import MAX_DOCUMENT_BYTES, is_folder, read_start
@@ -33,7 +33,8 @@ def find_drives(arguments: Sequence[str], stdin: TextIO | None) -> list[str]:
     """List drives, each once, ordered by name.
 
     Args:
-        arguments: Folders, drive files, patterns, text files with one of these on each line, or - for standard input.
+        arguments: Drives, folders of drives, drive files, patterns, text files with one of these on each line, or -
+            for standard input.
         stdin: Standard input; None if it is closed.
 
     Raises:
@@ -101,6 +102,9 @@ def _check_name(name: str, where: str = "") -> str:
 
 def _matches(name: str) -> list[str]:
     path = Path(name)
+    is_drive = any((path / file).exists() for file in (DRIVE_FILE, RIG_FILE))
+    if is_folder(path) and not is_drive and (drives := [*path.glob(f"*/{DRIVE_FILE}")]):
+        return sorted(str(file.parent) for file in drives)
     if not any(character in name for character in PATTERN_CHARACTERS) or os.access(path, os.F_OK):
         return [name]
     root = Path(path.anchor)

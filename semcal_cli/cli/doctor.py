@@ -1,0 +1,131 @@
+"""`semcal doctor`: what is installed here, what is missing, and what does not work without it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from threading import Thread
+from typing import NamedTuple
+
+import click
+
+from semcal_cli.errors import counted, describe_extra, is_installed, reason
+
+HUB = "https://huggingface.co"
+TIMEOUT_S = 3.0
+"""Time in which the hub has to answer."""
+
+
+class Extra(NamedTuple):
+    """An extra of semcal."""
+
+    packages: dict[str, str]
+    """Its distributions that are used directly, by their import names."""
+    use: str
+    """What needs it."""
+
+
+EXTRAS = {
+    "bag": Extra(
+        {"rosbags": "rosbags", "mcap": "mcap", "av": "av", "lz4": "lz4", "zstandard": "zstandard"},
+        "recordings of ROS 1, ROS 2 and Foxglove",
+    ),
+    "odometry": Extra(
+        {"kiss_icp": "kiss-icp"},
+        "the motion of the LiDAR from its sweeps, which deskews them and checks the clock",
+    ),
+    "label": Extra(
+        {"onnxruntime": "onnxruntime", "huggingface_hub": "huggingface_hub"}, "image labels by networks"
+    ),
+    "mine": Extra({"torch": "torch"}, "the paper's estimator, MINE, and feature vectors"),
+    "las": Extra({"laspy": "laspy", "lazrs": "lazrs"}, "point clouds in .las and .laz"),
+    "velodyne": Extra({"velodyne_decoder": "velodyne-decoder"}, "recordings with packets of a Velodyne"),
+    "view": Extra({"rerun": "rerun-sdk"}, "`semcal export rerun`"),
+    "dask": Extra({"distributed": "distributed"}, "`semcal batch --dask`"),
+}
+"""The extras for users, by the names that `pip install` takes."""
+BESIDE = ("numpy", "scipy", "opencv-python-headless", "pydantic", "click")
+"""Distributions whose versions matter most where results differ."""
+
+
+@click.command()
+def doctor() -> None:
+    """Show versions, extras, threads and caches, and what does not work for want of an extra or of the network.
+
+    Nothing is installed or changed, and nothing is sent: the only request asks whether huggingface.co answers.
+    """
+    from semcal_cli.cli.tables import wrapped
+
+    for label, text in _rows():
+        click.echo("\n".join(wrapped(label, text)))
+
+
+def _rows() -> Iterator[tuple[str, str]]:
+    from semcal_cli import core
+    from semcal_cli.threads import num_cores
+
+    where = Path(str(core.__file__)).parent
+    yield "semcal", f"{version('semcal')} in {where}"
+    yield "python", f"{platform.python_version()} in {sys.prefix}, {platform.system()} {platform.machine()}"
+    yield "libraries", ", ".join(f"{name} {version(name)}" for name in BESIDE)
+    yield "threads", f"{counted(num_cores(), 'core')}, all of which are used unless --threads says otherwise"
+    for name, extra in EXTRAS.items():
+        yield f"extra {name}", _state(name, extra)
+    yield "cache", _cache()
+    yield "network", _network()
+
+
+def _state(name: str, extra: Extra) -> str:
+    missing = [package for module, package in extra.packages.items() if not is_installed(module)]
+    if missing:
+        return f"missing: {', '.join(missing)}. Needed for {extra.use}. Install {describe_extra(name)}"
+    return f"installed: {', '.join(f'{package} {_version(package)}' for package in extra.packages.values())}"
+
+
+def _version(package: str) -> str:
+    with suppress(PackageNotFoundError):
+        return version(package)
+    return "of unknown version"
+
+
+def _cache() -> str:
+    """Describe the networks in the cache of the hub."""
+    home = Path(os.environ.get("HF_HOME") or Path.home() / ".cache/huggingface")
+    folder = Path(os.environ.get("HF_HUB_CACHE") or home / "hub")
+    networks = sorted(
+        path.name.removeprefix("models--").replace("--", "/") for path in folder.glob("models--*")
+    )
+    return f"{folder}: {', '.join(networks)}" if networks else f"no networks in {folder}"
+
+
+def _network() -> str:
+    """Describe whether the hub answers."""
+    endpoint = os.environ.get("HF_ENDPOINT") or HUB
+    without = (
+        "Networks for image labels must be files or in the cache; everything else works without a network"
+    )
+    if os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "TRUE", "YES", "ON"):
+        return f"not used, because HF_HUB_OFFLINE is set. {without}"
+    failures = [f"no answer within {TIMEOUT_S:g} s"]
+
+    def ask() -> None:
+        from urllib.error import HTTPError
+        from urllib.request import Request, urlopen
+
+        try:
+            with suppress(HTTPError), urlopen(Request(endpoint, method="HEAD"), timeout=TIMEOUT_S):
+                pass
+            failures.clear()
+        except (OSError, ValueError) as error:
+            failures[:] = [reason(error)]
+
+    # The resolution of a name has no time limit of its own.
+    asking = Thread(target=ask, daemon=True)
+    asking.start()
+    asking.join(TIMEOUT_S)
+    return f"{endpoint} is not reachable ({failures[0]}). {without}" if failures else f"{endpoint} answers"

@@ -1,0 +1,123 @@
+"""A recording or a data set in the place of a drive: its import on the way to a calibration."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from semcal_cli.cli.import_ import (
+    OWN_SETTINGS,
+    BagSettings,
+    DatasetSettings,
+    import_dataset,
+    import_recording,
+)
+from semcal_cli.cli.outputs import check_outputs, folder_of
+from semcal_cli.cli.rules import refuse
+from semcal_cli.cli.settings import typed_words, without_option
+from semcal_cli.cli.tables import labelled, wrapped
+from semcal_cli.errors import ChoiceError, InputError, describe_extra, is_installed
+from semcal_cli.files.documents import FORMATS
+from semcal_cli.importing.recognition import recognise
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from semcal_cli.cli.calibrate_options import CalibrateSettings
+    from semcal_cli.cli.terminal import Terminal
+
+OF_RECORDINGS, OF_DATASETS = ("--points", "--image"), ("--sequence", "--camera")
+"""Options that choose from a recording, and from a data set."""
+ODOMETRY = "kiss_icp"
+"""Library that estimates the motion."""
+
+
+def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSettings:
+    """Import what is given in the place of a drive into one beside the output; a drive stays as it is.
+
+    The result of an import also gets a report and overlays beside it.
+
+    Raises:
+        click.UsageError: an option is for something else than what is given.
+        ChoiceError: there are several topics, sequences or cameras.
+        InputError: nothing can be calibrated, or the import fails.
+    """
+    context, given = click.get_current_context(), settings.drive
+    source = recognise(given)
+    if source is None:
+        refuse(
+            context, (*OF_RECORDINGS, *OF_DATASETS), f"is for a recording or a data set, but {given} is none"
+        )
+        return settings
+    if not source.is_importable:
+        raise InputError(source.advice(given))
+    others = OF_DATASETS if source.is_recording else OF_RECORDINGS
+    refuse(context, others, f"cannot be used with {source.name}")
+    drive, settings = folder_of(settings.output) / source.drive, _illustrated(settings)
+    check_outputs([given], settings.output, settings.log, settings.page)
+    settings.outputs.check_replaced()
+    options = _options(settings, is_recording=source.is_recording)
+    try:
+        about: dict[str, Any] = {"output": drive, "quiet": settings.quiet, "force": settings.force}
+        if source.is_recording:
+            _import_recording(settings, source.root, terminal, about)
+        else:
+            sequence = settings.sequence or source.sequence
+            about |= {"camera": settings.camera, "sequences": () if sequence is None else (sequence,)}
+            dataset = OWN_SETTINGS.get(source.kind, DatasetSettings)(root=source.root, **about)
+            import_dataset(source.kind, dataset, is_last=False)
+    except ChoiceError as error:
+        if all(words[0] in (*OF_RECORDINGS, *OF_DATASETS) for words in error.choices):
+            raise
+        commands = [f"`{source.command(drive, *options, *words)}`" for words in error.choices]
+        raise InputError(f"{error.problem}, choose one: {', '.join(commands)}") from None
+    terminal.print(labelled("alone", source.command(drive, *options)))
+    return replace(settings, drive=drive)
+
+
+def typed_for(drive: Path) -> str:
+    """Write the command that was typed for a recording or a data set, for the drive that was made of it."""
+    context = click.get_current_context()
+    words, given = typed_words(context), str(context.params["drive"])
+    for name in (*OF_RECORDINGS, *OF_DATASETS):
+        words = without_option(words, name)
+    return shlex.join(
+        [*context.command_path.split(), *(str(drive) if word == given else word for word in words)]
+    )
+
+
+def _illustrated(settings: CalibrateSettings) -> CalibrateSettings:
+    """Ask for a report and overlays beside the result, unless it goes to a stream or in another format."""
+    output = settings.output
+    if output is None or settings.to is not None or output.suffix.lower() not in FORMATS:
+        return settings
+    page = settings.page or output.with_suffix(".html")
+    images = settings.images or output.with_name(f"{output.stem}_overlay")
+    return replace(settings, page=page, images=images)
+
+
+def _options(settings: CalibrateSettings, *, is_recording: bool) -> list[str]:
+    """List the options of the import of a recording or a data set."""
+    chosen = {
+        "--points": settings.points,
+        "--image": settings.image,
+        "--sequence": settings.sequence,
+        "--camera": settings.camera,
+    }
+    options = [word for name, value in chosen.items() if value is not None for word in (name, value)]
+    return [*options, "--odometry"] if is_recording and is_installed(ODOMETRY) else options
+
+
+def _import_recording(
+    settings: CalibrateSettings, path: Path, terminal: Terminal, about: dict[str, Any]
+) -> None:
+    """Make the drive of a recording, with the motion by its sweeps where the library for it is installed."""
+    has_odometry = is_installed(ODOMETRY)
+    topics = {"points": settings.points, "image": settings.image}
+    import_recording(BagSettings(paths=(path,), odometry=has_odometry, **topics | about), is_last=False)
+    if not has_odometry:
+        missing = f"the motion of the LiDAR is not estimated: found no {ODOMETRY}, needed {describe_extra('odometry')}"
+        terminal.print(*wrapped("note:", missing, indent=6))

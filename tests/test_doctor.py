@@ -1,0 +1,50 @@
+"""`semcal doctor`: what it says of extras and of the network."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from commands import invoke, unwrapped
+from documentation import ROOT
+
+from semcal_cli.cli import doctor
+from semcal_cli.cli.doctor import EXTRAS
+
+NOWHERE = "http://127.0.0.1:9"
+
+
+@pytest.fixture(autouse=True)
+def _without_hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HF_ENDPOINT", NOWHERE)
+    monkeypatch.setenv("HF_HOME", str(tmp_path))
+
+
+def test_extras_and_their_packages_are_those_that_pip_installs() -> None:
+    section = (ROOT / "pyproject.toml").read_text().partition("[project.optional-dependencies]\n")[2]
+    extras = dict(re.findall(r"^(\w+) = \[(.*)\]$", section.partition("\n\n")[0], re.MULTILINE))
+    assert set(EXTRAS) == set(extras)
+    for name, extra in EXTRAS.items():
+        assert all(
+            f'"{package}' in extras[name] or f"[{package}]" in extras[name]
+            for package in extra.packages.values()
+        )
+
+
+def test_a_missing_extra_says_what_needs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "is_installed", lambda module: module != "kiss_icp")
+    told = unwrapped(invoke("doctor").stdout, 17)
+    assert "extra odometry   missing: kiss-icp. Needed for the motion of the LiDAR" in told
+    assert "pip install 'semcal[odometry]'" in told
+    assert "extra bag        installed: rosbags " in told
+
+
+def test_cache_and_network_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "hub/models--owner--name").mkdir(parents=True)
+    told = unwrapped(invoke("doctor").stdout, 17)
+    assert f"cache            {tmp_path / 'hub'}: owner/name" in told
+    assert f"network          {NOWHERE} is not reachable" in told
+    assert "everything else works without a network" in told
+    assert f"python           {sys.version.split()[0]} in " in told
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    assert "not used, because HF_HUB_OFFLINE is set" in unwrapped(invoke("doctor").stdout, 17)

@@ -1,0 +1,109 @@
+"""`semcal calibrate` on a recording or a data set: one command, and the commands that it tells."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_imports import image, info, small
+from bags import write_drive_as_bag
+from conftest import Cli
+from dataset_trees import TREES
+
+from semcal_cli.cli import given_source
+from semcal_cli.drive.document import read_drive
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.geometry.twists import displace
+from semcal_cli.result.calibration_document import read_calibration
+
+VERDICTS = (0, 3)
+"""Exit codes of a written result: four frames of one street by edges are too few to be trusted."""
+
+
+@pytest.fixture
+def recording(street: Path, street_truth: Pose, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording of `street` without labels, whose transform is 1 degree and 5 cm off, in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    T_start = displace(street_truth, 1.0, 0.05, np.random.default_rng(1))
+    path = write_drive_as_bag(read_drive(street), tmp_path, "mcap library", T_camera_lidar=T_start)
+    return path.relative_to(tmp_path)
+
+
+def told_commands(err: str) -> list[list[str]]:
+    """List the words of the commands that do a step alone."""
+    return [shlex.split(line) for line in re.findall(r"^alone +semcal (.*)$", err, re.MULTILINE)]
+
+
+def test_a_recording_is_enough(recording: Path, street_truth: Pose, cli: Cli) -> None:
+    """One command writes the result and all that belongs to it; the commands that it tells do the same alone."""
+    code, out, err = cli("calibrate", recording, "--max-frames", "4")
+    assert (code in VERDICTS, out) == (True, ""), err
+    assert re.search(r"^start +the transform in bag_drive; --from-nothing ignores it$", err, re.MULTILINE)
+    written = {path.name for path in Path().iterdir()}
+    assert written == {
+        "bag.mcap", "bag_drive", "calibration.yaml", "calibration.html", "calibration_overlay",
+    }  # fmt: skip
+    first = read_calibration(Path("calibration.yaml"))
+    assert compare_poses(first.pose, street_truth).rotation_deg < 0.5
+    steps = told_commands(err)
+    assert [words[0] for words in steps] == ["import", "calibrate", "report", "overlay"]
+    (drive,) = Path().glob("bag_drive/drive.yaml")
+    content = drive.read_bytes()
+    for words in steps:
+        assert cli(*words)[0] in VERDICTS
+    assert drive.read_bytes() == content
+    again = read_calibration(Path("calibration.yaml"))
+    np.testing.assert_array_equal(again.pose, first.pose)
+
+
+def test_without_its_library_the_motion_is_left_out_and_said(
+    recording: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(given_source, "is_installed", lambda package: False)
+    code, _, err = cli("calibrate", recording, "-o", "front.json")
+    assert code in VERDICTS
+    assert "note: the motion of the LiDAR is not estimated: found no kiss_icp" in err
+    assert told_commands(err)[0] == ["import", "bag", "bag.mcap", "-o", "bag_drive"]
+    assert all(Path(name).exists() for name in ("front.json", "front.html", "front_overlay"))
+
+
+def test_several_topics_are_listed_with_the_command_for_each(tmp_path: Path, cli: Cli) -> None:
+    cameras = {f"{side}/{name}": maker for side in ("left", "right")
+               for name, maker in (("camera_info", info()), ("image_raw", image()))}  # fmt: skip
+    changes = {"info": lambda *about: None, "image": lambda *about: None, **cameras}
+    path = small(tmp_path, "mcap library", **changes)
+    output = tmp_path / "c.yaml"
+    for command in (["calibrate", path, "-o", output], ["import", "bag", path, "-o", output]):
+        code, _, err = cli(*command)
+        typed = shlex.join(["semcal", *map(str, command)])
+        assert code == 1
+        assert err == (
+            f"semcal: error: {path}: found 1 topic of sweeps and 2 topics of images, choose one: "
+            f"`{typed} --image /left/image_raw`, `{typed} --image /right/image_raw`\n"
+        )
+    assert not [*tmp_path.glob("*drive*")]
+
+
+def test_a_data_set_is_enough_too(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its sequences are listed; tiny clouds then cannot be calibrated, but are imported."""
+    monkeypatch.chdir(tmp_path)
+    TREES["opencalib"](tmp_path / "road")
+    code, _, err = cli("calibrate", "road")
+    assert code == 1
+    assert "choose one: `semcal calibrate road --sequence 1`, `semcal calibrate road --sequence 3`" in err
+    TREES["kitti-object"](tmp_path / "kitti")
+    code, _, err = cli("calibrate", "kitti")
+    assert code == 1
+    assert told_commands(err)[0] == ["import", "kitti-object", "kitti", "-o", "kitti_drive"]
+    assert len(read_drive(Path("kitti_drive")).frames) == 2
+
+
+def test_options_of_something_else_are_refused(street: Path, recording: Path, cli: Cli) -> None:
+    for path, option in ((street, "--image"), (street, "--sequence"), (recording, "--camera")):
+        code, _, err = cli("calibrate", path, option, "x")
+        assert code == 2
+        assert f"Error: {option} " in err
