@@ -9,6 +9,16 @@ takes about ten seconds and half a gigabyte to parse."""
 MAX_TABLE_BYTES = 64 << 20
 """Maximum size of a text with numbers, one pose or one result per line."""
 
+MAX_WHOLE_KEY = (1 << 32) - 1
+"""Maximum whole number that is a key of a mapping, such as the id of a class. Python hashes a number by its remainder
+by 2^61 - 1, so that larger ones can be chosen to fall into one place, where each is compared with all before."""
+MAX_COMMAND = 4096
+"""Maximum number of characters of a command of ROS in a file: splitting it into words takes the square of that."""
+MAX_CAMERAS = 100
+"""Maximum number of cameras of a rig, which are compared in pairs."""
+MAX_TRANSFORMS = 10_000
+"""Maximum number of pairs of frames in a recording between which there are transforms."""
+
 ANSWER_S = 30.0
 """Maximum time of an answer of a hub, and time after which a download must be faster than `MIN_BYTES_PER_S`."""
 MIN_BYTES_PER_S = 100_000.0
