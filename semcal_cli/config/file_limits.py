@@ -19,6 +19,30 @@ MAX_CAMERAS = 100
 MAX_TRANSFORMS = 10_000
 """Maximum number of pairs of frames in a recording between which there are transforms."""
 
+MAX_UNPACKED_BYTES = 1 << 28
+"""Maximum size of a chunk or of a message of a recording, unpacked; recorders write chunks of some megabytes."""
+MAX_READ_RATIO, MIN_READ_BYTES = 200, 4 << 30
+"""A recording may be unpacked to this multiple of its size in all, as its parts are read several times, or to this many
+bytes if that is more."""
+MIN_READ_RECORDS = 10_000_000
+"""Maximum number of records that are read of a recording in all, or a quarter of its bytes if that is more."""
+MAX_CHUNK_RECORDS = 1 << 20
+"""Maximum number of records in a chunk."""
+MAX_HELD_BYTES = 1 << 28
+"""Maximum size of the messages that wait for those of other chunks at the same time."""
+MAX_SUMMARY_BYTES = 1 << 26
+"""Maximum size of the index of an MCAP; that of a terabyte in chunks of 4 MB has about 50 MB."""
+MAX_TOPICS, MAX_TOPIC_NAME = 10_000, 4096
+"""Maximum number of topics of a SQLite recording, and of characters of a name and of a type."""
+MIN_ROW_BYTES = 4
+"""Minimum size of a row of SQLite in its file: more rows than fit are pages that are read again and again."""
+MAX_SQLITE_STEPS, SQLITE_STEPS_A_BYTE = 200_000_000, 100
+"""Maximum number of instructions of SQLite for a statement, and more for each byte of the file."""
+MAX_PROTOBUF_VALUES = 100_000
+"""Maximum number of values of a Protobuf message besides bytes and text: each takes a hundred bytes when it is read."""
+MAX_MESSAGE_TRANSFORMS = 1000
+"""Maximum number of transforms in a message."""
+
 ANSWER_S = 30.0
 """Maximum time of an answer of a hub, and time after which a download must be faster than `MIN_BYTES_PER_S`."""
 MIN_BYTES_PER_S = 100_000.0
