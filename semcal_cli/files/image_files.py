@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeAlias
@@ -95,7 +96,7 @@ def read_pixels(path: Path, size: Size | None = None) -> RawPixels:
     return image.astype(np.uint8, copy=False)
 
 
-def decode_image(path: Path, content: bytes, flags: int) -> Any:
+def decode_image(path: Path, content: bytes, flags: int) -> RawPixels | None:
     """Decode an image whose size was checked; None if it is damaged.
 
     Args:
@@ -115,10 +116,10 @@ def decode_image(path: Path, content: bytes, flags: int) -> Any:
             raise InputError(f"{path}: found a JPEG of {num_scans:,} scans, needed at most {MAX_JPEG_SCANS}")
     elif content.startswith(PNG):
         content = _without_texts(content)
-    try:
-        return cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
-    except cv2.error:
-        return None
+    pixels: Any = None
+    with suppress(cv2.error):
+        pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+    return None if pixels is None else np.asarray(pixels)
 
 
 def _without_texts(content: bytes) -> bytes:

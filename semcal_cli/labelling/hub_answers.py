@@ -123,10 +123,11 @@ def _follow(url: str, method: str = "GET", *, is_same_host: bool = False) -> Any
     Each redirection is followed here: the library would read its body, however long it is. Other hosts do not get the
     user's token.
     """
-    from huggingface_hub.utils import build_hf_headers, get_session
+    from huggingface_hub import utils
 
-    client = get_session()
-    headers = build_hf_headers(library_name="semcal") | {"Accept-Encoding": "identity"}
+    library: Any = utils  # Its types do not export what its documentation does.
+    client = library.get_session()
+    headers = library.build_hf_headers(library_name="semcal") | {"Accept-Encoding": "identity"}
     request = client.build_request(method, url, headers=headers, timeout=TIMEOUT_S)
     for _ in range(MAX_REDIRECTS + 1):
         response = _within(ANSWER_S, partial(client.send, request, stream=True, follow_redirects=False))
@@ -141,12 +142,16 @@ def _follow(url: str, method: str = "GET", *, is_same_host: bool = False) -> Any
 
 def _accepted(response: Any) -> Any:
     """Return a successful answer; raise the library's error for others, without their bodies."""
-    from huggingface_hub.utils import hf_raise_for_status
+    from huggingface_hub import utils
+
+    library: Any = utils
 
     if not response.is_success:
         response.close()
         headers = {name: response.headers.get(name, "") for name in ("X-Error-Code", "X-Error-Message")}
-        hf_raise_for_status(type(response)(response.status_code, headers=headers, request=response.request))
+        library.hf_raise_for_status(
+            type(response)(response.status_code, headers=headers, request=response.request)
+        )
         raise mismatch(f"the status {response.status_code}", "an answer")
     if (encoding := response.headers.get("Content-Encoding", "identity")) != "identity":
         response.close()

@@ -108,9 +108,9 @@ class McapFile:
         num_held = 0
         for chunk_number, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.message_start_time)):
             while heap and heap[0][0] < chunk.message_start_time:
-                message = heappop(heap)[-1]
-                num_held -= len(message.data)
-                yield message
+                earliest = heappop(heap)[-1]
+                num_held -= len(earliest.data)
+                yield earliest
             self._file.seek(chunk.chunk_start_offset)
             record = next(self._reader(self._file).records)
             if not isinstance(record, Chunk):
@@ -198,7 +198,7 @@ class McapFile:
             return False
         self._file.seek(self._size - FOOTER.size)
         kind, _, start, *_ = FOOTER.unpack(self._file.read(FOOTER.size))
-        return kind == Opcode.FOOTER and 0 < start < self._size - MAX_SUMMARY_BYTES
+        return bool(kind == Opcode.FOOTER and 0 < start < self._size - MAX_SUMMARY_BYTES)
 
     def _chunk_records(self, chunk: Chunk, channels: Collection[int] | None) -> Iterator[McapRecord]:
         """Yield the records of a chunk, which is unpacked up to the size that it states.

@@ -11,7 +11,7 @@ from contextlib import suppress
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from semcal_cli.errors import InputError, check_installed, reason
 from semcal_cli.many.batch.processes import Worker
@@ -77,7 +77,8 @@ def on_cluster(
     """
     from distributed import KilledWorker, as_completed
 
-    address = client.scheduler.address
+    scheduler: Any = client.scheduler
+    address = scheduler.address
     lost = InputError(
         f"--dask {address}: lost the scheduler; what is finished is kept, and the same command goes on"
     )
