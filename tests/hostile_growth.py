@@ -184,7 +184,9 @@ def unfitting_sweeps(folder: Path, count: int) -> None:
     rng, frame = np.random.default_rng(0), document["frames"][0]
     frames = []
     for number in range(8):
-        points = rng.uniform(-60.0, 60.0, (count, 4)).astype("<f4")
+        points = (rng.uniform(-1.0, 1.0, (count, 4)) * [60.0, 60.0, 3.0, 0.0] + [0.0, 0.0, 0.0, 0.5]).astype(
+            "<f4"
+        )
         (folder / f"drive/points/{number}.bin").write_bytes(points.tobytes())
         stamp = {"points_stamp": number / 10, "image_stamp": number / 10}
         frames.append({"points": f"points/{number}.bin", "image": frame["image"], **stamp})

@@ -57,7 +57,7 @@ def write_bytes(content: bytes, path: Path) -> None:
             return
         mode = os.lstat(path).st_mode if kind_of(path) else None
         if mode is not None and not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-            check_no_link(path)
+            _check_no_link(path)
             _write_to_special(content, path)
         else:
             _replace(path, [content], mode)
@@ -81,7 +81,7 @@ def write_parts(parts: Iterable[bytes], path: Path) -> None:
         raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
 
 
-def check_no_link(path: Path, needed: str = "a file or nothing") -> None:
+def _check_no_link(path: Path, needed: str = "a file or nothing") -> None:
     """Check that a path of an output holds no link, which would redirect the output.
 
     Raises:
@@ -209,7 +209,7 @@ def check_replaceable(path: Path) -> None:
     Raises:
         InputError: the path holds a link, or its folder is not writable.
     """
-    check_no_link(path)
+    _check_no_link(path)
     folder = Path(os.path.realpath(path.parent))
     if not os.access(folder, os.W_OK):
         raise InputError(f"{path}: found no permission to write to its folder {folder}, needed it")
@@ -227,7 +227,7 @@ def make_folder(path: Path, root: Path | None = None) -> None:
     """
     if root is not None:
         for folder in [path, *path.parents][: len(path.relative_to(root).parts)]:
-            check_no_link(folder, "a folder or nothing")
+            _check_no_link(folder, "a folder or nothing")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
