@@ -47,6 +47,7 @@ MOST_LINES_OF_ENTRIES = 820
 LIMITS = {
     reading.MAX_DOCUMENT_BYTES: "bytes",
     reading.MAX_TABLE_BYTES: "bytes",
+    reading.MAX_PROTOBUF_VALUES: "values",
     records.MAX_RECORD_BYTES: "bytes",
     experiment_run.MAX_JOURNAL_BYTES: "bytes",
     kitti_360_windows.MAX_BYTES: "bytes",
