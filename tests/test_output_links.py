@@ -74,7 +74,9 @@ WRITERS = {
     "overlay": Writer("overlay drive drive -o out", ("out/*.png",)),
     "report": Writer("report drive drive -o page.html", ("page.html",)),
     "verify": Writer("verify drive drive --junit junit.xml", ("junit.xml",)),
-    "convert": Writer("convert c.yaml --to npy --to-direction lidar-to-camera -o T.npy", ("T.npy",), make=calibration),
+    "convert": Writer(
+        "convert c.yaml --to npy --to-direction lidar-to-camera -o T.npy", ("T.npy",), make=calibration
+    ),
     "fleet": Writer("fleet c.yaml -o f.json --plot plot.svg", ("f.json", "plot.svg"), make=calibration),
     "batch": Writer(
         "batch drive -o out -- --no-polish",
