@@ -11,10 +11,14 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 
 MAX_LISTED = 8
 MAX_LISTED_LENGTH = 40
+MAX_COMPARED, MAX_COMPARED_LENGTH = 1000, 64
+"""Maximum number of names that are compared with another one, and of their characters: the time grows with the square
+of the length, and a file can hold any name."""
 MAX_MORE_DIGITS = 6
 """Maximum number of digits that are added to tell two numbers apart."""
 
@@ -124,9 +128,15 @@ def one_of(name: str, choices: Iterable[str]) -> str:
     if not names:
         return "one, but there is none"
     if len(names) > MAX_LISTED:
-        near = difflib.get_close_matches(name, names, n=MAX_LISTED, cutoff=0.0)
-        return f"one of {len(names)}, nearest: {', '.join(map(_cut, near))}"
+        return f"one of {len(names)}, nearest: {', '.join(map(_cut, nearest(name, names, MAX_LISTED)))}"
     return f"one of: {', '.join(map(_cut, names))}" if len(names) > 1 else _cut(names[0])
+
+
+def nearest(name: str, names: Iterable[str], count: int) -> list[str]:
+    """Find the names that are most like another one, the nearest first."""
+    by_start = {choice[:MAX_COMPARED_LENGTH]: choice for choice in islice(names, MAX_COMPARED)}
+    starts = difflib.get_close_matches(name[:MAX_COMPARED_LENGTH], by_start, n=count, cutoff=0.0)
+    return [by_start[start] for start in starts]
 
 
 def listed(names: Iterable[object]) -> str:

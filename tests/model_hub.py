@@ -5,12 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
+
+Lies = dict[str, Any]
+Body = bytes | Callable[[], Iterable[bytes]]
 
 
 @dataclass
@@ -50,6 +54,9 @@ class ModelHub:
     """Files that were sent."""
     is_broken: bool = False
     """Whether every answer is a failure of the server."""
+    lies: Lies = field(default_factory=dict)
+    """What is not said as it is: `sha` and `siblings` of a model, or all that is
+    `told`, where it redirects `to`, headers of a file, and its `body`; `status` of all answers."""
 
     def add(self, name: str, folder: Path, revision: str = "main", gate: int = 0) -> None:
         """Add a folder as a revision of a model."""
@@ -93,7 +100,9 @@ class _Handler(BaseHTTPRequestHandler):
         if commit_and_files := self._find(name, revision):
             commit, files = commit_and_files
             siblings = [{"rfilename": file, "size": len(data)} for file, data in files.items()]
-            self._answer(200, {}, json.dumps({"id": name, "sha": commit, "siblings": siblings}).encode())
+            told = {"id": name, "sha": commit, "siblings": siblings} | self.hub.lies
+            headers = {"Location": self.hub.lies["to"]} if "to" in self.hub.lies else {}
+            self._answer(200, headers, self.hub.lies.get("told") or json.dumps(told, default=str).encode())
 
     def _send(self, name: str, revision: str, file: str, is_head: bool) -> None:
         if not (commit_and_files := self._find(name, revision)):
@@ -105,21 +114,27 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(404, {"X-Error-Code": "EntryNotFound", "X-Repo-Commit": commit})
         else:
             content = files[file]
+            # As the hub does: files in git have git's hash, networks have SHA-256.
             etag = hashlib.sha256(content).hexdigest()
+            if file.endswith(".json"):
+                etag = hashlib.sha1(f"blob {len(content)}\0".encode() + content).hexdigest()
             sizes = {"X-Linked-Size": str(len(content)), "X-Linked-Etag": f'"{etag}"', "ETag": f'"{etag}"'}
             if not is_head:
                 self.hub.fetched.append(file)
-            self._answer(200, {"X-Repo-Commit": commit, **sizes}, content, is_head=is_head)
+            headers = {"X-Repo-Commit": commit, **sizes, **self.hub.lies.get("headers", {})}
+            self._answer(200, headers, self.hub.lies.get("body", content), is_head=is_head)
 
     def _answer(
-        self, status: int, headers: dict[str, str] | None = None, body: bytes = b"", is_head: bool = False
+        self, status: int, headers: dict[str, str] | None = None, body: Body = b"", is_head: bool = False
     ) -> None:
-        self.send_response(status)
-        for key, value in {**(headers or {}), "Content-Length": str(len(body))}.items():
+        said = {"Content-Length": str(len(body))} if isinstance(body, bytes) else {"Connection": "close"}
+        self.send_response(self.hub.lies.get("status", status))
+        for key, value in {**said, **(headers or {})}.items():
             self.send_header(key, value)
         self.end_headers()
-        if not is_head:
-            self.wfile.write(body)
+        with suppress(OSError):  # The other side had enough.
+            for part in () if is_head else [body] if isinstance(body, bytes) else body():
+                self.wfile.write(part)
 
     def log_message(self, format: str, *args: object) -> None:
         pass

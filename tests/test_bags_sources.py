@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import re
 import struct
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.importing.bags.mcap_file import _chunk_records
+from semcal_cli.importing.bags.mcap_file import McapFile
 from semcal_cli.importing.bags.unpacking import unpack
 from semcal_cli.observations.reading import read_clouds
 
@@ -228,10 +229,15 @@ def test_a_schema_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     )
 
 
-def test_a_chunk_of_millions_of_empty_messages_is_left_out() -> None:
+def test_a_chunk_of_millions_of_empty_messages_is_left_out(tmp_path: Path) -> None:
     data = struct.pack("<BQHIQQ", 5, 22, 0, 0, 0, 0) * ((1 << 20) + 1)
-    with pytest.raises(ValueError, match="more than 1,048,576 records"):
-        _chunk_records(Chunk("", data, 0, 0, 0, len(data)))
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        writer.finish()
+    with ExitStack() as stack, pytest.raises(ValueError, match="more than 1,048,576 records"):
+        list(McapFile(path, stack)._chunk_records(Chunk("", data, 0, 0, 0, len(data)), None))
 
 
 def test_frames_of_av1_that_are_cut_off_do_not_stop_an_import(tmp_path: Path) -> None:

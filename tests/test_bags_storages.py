@@ -16,9 +16,9 @@ from bags import KINDS, NS, START_NS, BagWriter, cut, write_drive_as_bag
 from conftest import run
 from mcap.writer import IndexType
 
+from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.files.image_files import read_image
-from semcal_cli.files.input_files import MAX_DOCUMENT_BYTES
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.bag_import import import_bag
 from semcal_cli.importing.bags.topics import BagRequest

@@ -271,7 +271,7 @@ def test_where_drives_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
-    """A scheduler and two workers, each a process of its own, on loopback; the second has a nanny, as is usual."""
+    """The address and the processes of two workers and a scheduler, on loopback; the second worker has a nanny."""
     pytest.importorskip("distributed")
     file = tmp_path / "scheduler.json"
 
@@ -288,7 +288,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
             if file.exists() and file.read_text():
                 break
             time.sleep(0.1)
-        yield json.loads(file.read_text())["address"], workers
+        yield json.loads(file.read_text())["address"], [*workers, scheduler]
     finally:
         for process in (*workers, scheduler):
             process.kill()  # the process of a nanny ends with it; asked to, they would wait for one another
@@ -322,6 +322,39 @@ def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
         found = dict(semcal.batch([drives / "000", Path("/nowhere")], client=client))
     assert isinstance(found[drives / "000"], semcal.Calibration)
     assert str(found[Path("/nowhere")]).startswith("/nowhere: no such file")
+
+
+def test_a_cluster_whose_scheduler_is_lost_is_one_line(
+    drives: Path, tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
+) -> None:
+    address, (*_, scheduler) = cluster
+    out = tmp_path / "out"
+    words = [*SEMCAL, *command(drives, out, "--dask", address)]
+    process = subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    process.stderr.readline()  # one drive is done, others are under way
+    scheduler.kill()
+    _, rest = process.communicate(timeout=120)
+    assert process.returncode == 1
+    said = "lost the scheduler; what is finished is kept, and the same command goes on"
+    assert rest.splitlines()[-1] == f"semcal: error: --dask {address}: {said}"
+    assert "Traceback" not in rest
+    num_kept = len((out / "summary.jsonl").read_text().splitlines())
+    assert 0 < num_kept < NUM_DRIVES
+    again = run(command(drives, out))
+    assert again.exit_code in (0, 3), again.output
+    assert len((out / "summary.jsonl").read_text().splitlines()) == NUM_DRIVES
+
+
+@pytest.mark.parametrize(
+    "address", ["tls://127.0.0.1:1", "127.0.0.1:1", "tcp://nowhere.invalid:1", "x://y", ""]
+)
+def test_an_address_without_a_scheduler_is_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from semcal_cli.many.batch import cluster
+
+    monkeypatch.setattr(cluster, "CONNECT_S", 1)
+    with pytest.raises(InputError, match=f"^--dask {address}: found no scheduler: "):
+        cluster.connect(address)
 
 
 def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

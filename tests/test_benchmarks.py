@@ -46,6 +46,7 @@ RUNS = {
     "import_bag.py -o OUT/recordings --gigabytes 0.001 --rounds 1 --points 1000 --width 160": 3,
     "find_mask.py DATA --only street": 1,
     "first_hour.py DATA -o OUT/hour --only mcap --places 2": 1,
+    "hostile.py --only 'a long unknown key' --share 0.0001": 0,
     "hand_eye.py --drives 1 --width 320 --without-edges": 2,
     "hand_eye.py --drives 1 --width 320 --check": 5,
     "initialization.py --pool POOL --seeds 1 --jobs 1 --only '35-degree lens' --frames 2 --width 160": 3,

@@ -25,11 +25,11 @@ import semcal_cli
 from semcal_cli import pipeline
 from semcal_cli.checks.registry import CHECKS
 from semcal_cli.cli import semcal
-from semcal_cli.config import MAX_PIXELS, MAX_POINTS
+from semcal_cli.config import MAX_PIXELS, MAX_POINTS, file_limits as reading
 from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import experiment_run
-from semcal_cli.files import input_files as reading, point_clouds, rows, yaml_values
+from semcal_cli.files import point_clouds, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.findings.check import Check
 from semcal_cli.formats import format
@@ -47,6 +47,7 @@ MOST_LINES_OF_ENTRIES = 835
 LIMITS = {
     reading.MAX_DOCUMENT_BYTES: "bytes",
     reading.MAX_TABLE_BYTES: "bytes",
+    reading.MAX_PROTOBUF_VALUES: "values",
     records.MAX_RECORD_BYTES: "bytes",
     experiment_run.MAX_JOURNAL_BYTES: "bytes",
     kitti_360_windows.MAX_BYTES: "bytes",

@@ -7,9 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
-import huggingface_hub
 import onnx
 import pytest
 import yaml
@@ -21,8 +19,8 @@ from networks import STREET_COLORS, color_network
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.events import Progress, StageDone
-from semcal_cli.labelling.hub import RECOMMENDED, _progress_bar, find_model, hub_name
+from semcal_cli.events import StageDone
+from semcal_cli.labelling.hub import RECOMMENDED, find_model, hub_name
 
 NAME = "lab/street"
 CONFIG = {
@@ -184,34 +182,6 @@ def test_what_is_too_large_is_refused_before_it_is_fetched(hub: ModelHub, tmp_pa
     assert invoke("label", "--show", f"hf:{NAME}", "--max-download-mb", 1).exit_code == 0
 
 
-def test_progress_is_that_of_the_library_s_own_transfer(hub: ModelHub) -> None:
-    """Large files come in chunks, by another way of the library's, which counts what is sent and what is written."""
-    reporting = pytest.importorskip("huggingface_hub.utils._xet_progress_reporting")
-    if not hasattr(reporting, "XetDownloadProgressReporter"):
-        pytest.skip("another version of the library")
-    events: list[Progress] = []
-    bar = _progress_bar("fetching x", events.append)  # type: ignore[arg-type]
-    about = {
-        "reconstruction_desc": "x",
-        "transfer_desc": "x",
-        "total": 2 * MEGABYTE,
-        "log_level": 0,
-        "name": "x",
-    }
-    with reporting.XetDownloadProgressReporter(tqdm_class=bar, **about) as reporter:
-        for done in (MEGABYTE, 2 * MEGABYTE):
-            report = SimpleNamespace(
-                total_bytes=2 * MEGABYTE,
-                total_bytes_completed=done,
-                total_bytes_completion_rate=1.0,
-                total_transfer_bytes=MEGABYTE,
-                total_transfer_bytes_completed=done // 2,
-                total_transfer_bytes_completion_rate=1.0,
-            )
-            reporter.update_progress(report)
-    assert [event.doing for event in events] == [f"fetching x: {done}.0 of 2.0 MB" for done in range(3)]
-
-
 def test_a_fetch_that_breaks_off_is_one_line(
     hub: ModelHub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -220,9 +190,10 @@ def test_a_fetch_that_breaks_off_is_one_line(
     def fail(*args: object, **about: object) -> None:
         raise RuntimeError("lost\nthe connection")
 
-    monkeypatch.setattr(huggingface_hub, "hf_hub_download", fail)
+    monkeypatch.setattr("semcal_cli.labelling.hub.parts_of", fail)
     with pytest.raises(InputError, match=f"^hf:{NAME}: could not be fetched: lost the connection$"):
         find_model(f"hf:{NAME}", 1.0)
+    assert not [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
 
 
 def _gated(status: int) -> Callable[[ModelHub, Path], None]:

@@ -64,8 +64,8 @@ def overlay(settings: OverlaySettings) -> None:
     refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig.path))
     result, drives, read = read_rig_files(rig, settings.calibration, settings.max_points)
     drives = {name: _few(drive, settings, output / name, read) for name, drive in drives.items()}
-    make_folder(output)
     for name, camera in result.cameras.items():
+        make_folder(output / name, output)
         cues = cues_applied(camera, settings.cues, drives[name])
         by, observations = _observe(drives[name], settings.by, cues, "class")
         overlays = Overlays(drives[name], observations, {name: camera.pose}, by)

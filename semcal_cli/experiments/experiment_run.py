@@ -22,7 +22,7 @@ from semcal_cli.experiments.measured import machine, measured_here
 from semcal_cli.experiments.plots import plot_png
 from semcal_cli.experiments.summary import Column, summarise, summary_table
 from semcal_cli.files.input_files import check_own_file, read_text
-from semcal_cli.files.output_files import lock_file, make_folder, write_bytes, write_text
+from semcal_cli.files.output_files import lock_file, make_folder, open_own, write_bytes, write_text
 from semcal_cli.many.batch.pace import Pace
 from semcal_cli.many.batch.processes import ProcessError, Worker, in_processes
 from semcal_cli.threads import set_num_threads
@@ -226,8 +226,8 @@ class Journal(Generic[Result]):
             "results": documents,
         }
         self._new[repr(case)] = json.dumps(line) + "\n"
-        with self.file.open("a") as file:
-            file.write(self._new[repr(case)])
+        with open_own(self.file) as file:
+            file.write(self._new[repr(case)].encode())
 
     def sort(self, cases: Sequence[object]) -> None:
         """Sort the new lines by the order of the cases, which parallel jobs finish in another order."""

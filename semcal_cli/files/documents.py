@@ -13,9 +13,10 @@ from typing import Any, Literal, TypeAlias
 
 import yaml
 
+from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.documentation import SCHEMA_KEYS, schema_address
 from semcal_cli.errors import InputError, describe, mismatch
-from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
+from semcal_cli.files.input_files import read_text
 from semcal_cli.files.output_files import descriptor
 from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, TypeAlias
+from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
 import numpy as np
 
 from semcal_cli.config import MAX_PIXELS
+from semcal_cli.config.file_limits import MAX_JPEG_SCANS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.input_files import check_size, open_file, size_of
 from semcal_cli.files.output_files import write_bytes
@@ -21,7 +23,12 @@ MAX_HEADER_BYTES = 16 << 20
 """Bytes at the start of a large file in which its header is searched for."""
 PNG, JPEG, BMP = b"\x89PNG", b"\xff\xd8\xff", b"BM"
 """First bytes of the formats."""
-PNG_SIGNATURE_BYTES = 8
+JPEG_SCAN = b"\xff\xda"
+"""Marker before each scan of a JPEG."""
+PNG_SIGNATURE_BYTES, PNG_CHUNK_BYTES = 8, 12
+"""Bytes before the first chunk of a PNG, and of a chunk without its data."""
+PNG_INFLATED = (b"zTXt", b"iTXt", b"iCCP")
+"""Chunks of a PNG with compressed text or a profile."""
 PNG_DEPTH_AT = 24
 """Place of the byte with the bits of a PNG's numbers (its first chunk, IHDR)."""
 COLORS = ("RGB", "RGBA")
@@ -81,15 +88,50 @@ def read_pixels(path: Path, size: Size | None = None) -> RawPixels:
         check_size(path, size_of(file), limit, f" for {width} x {height} pixels")
         content = file.read(size_of(file))
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
-    except cv2.error:
-        image = None
+    image = decode_image(path, content, flags)
     if image is None or image.shape[1::-1] != header_size:
         raise _damage_error(path)
     if image.dtype == np.uint16:
         return image.astype(np.uint16, copy=False)
     return image.astype(np.uint8, copy=False)
+
+
+def decode_image(path: Path, content: bytes, flags: int) -> RawPixels | None:
+    """Decode an image whose size was checked; None if it is damaged.
+
+    Args:
+        path: Name of the file in messages.
+        content: Its bytes.
+        flags: How OpenCV reads it.
+
+    Raises:
+        InputError: decoding would take longer, or more memory, than its size says.
+    """
+    import cv2
+
+    if content.startswith(JPEG):
+        # A marker: in the data of a scan, a zero follows each byte of ones.
+        num_scans = content.count(JPEG_SCAN)
+        if num_scans > MAX_JPEG_SCANS:
+            raise InputError(f"{path}: found a JPEG of {num_scans:,} scans, needed at most {MAX_JPEG_SCANS}")
+    elif content.startswith(PNG):
+        content = _without_texts(content)
+    pixels: Any = None
+    with suppress(cv2.error):
+        pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+    return None if pixels is None else np.asarray(pixels)
+
+
+def _without_texts(content: bytes) -> bytes:
+    """Leave out the chunks of a PNG that inflate to anything, and that no image needs."""
+    kept, place, start = [], PNG_SIGNATURE_BYTES, 0
+    while place + PNG_CHUNK_BYTES <= len(content):
+        end = place + PNG_CHUNK_BYTES + int.from_bytes(content[place : place + 4], "big")
+        if content[place + 4 : place + 8] in PNG_INFLATED:
+            kept.append(content[start:place])
+            start = end
+        place = end
+    return b"".join([*kept, content[start:]]) if kept else content
 
 
 def has_16_bits(path: Path) -> bool:

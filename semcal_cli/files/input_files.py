@@ -13,14 +13,9 @@ from typing import BinaryIO
 
 from numpy.lib.format import open_memmap
 
+from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES
 from semcal_cli.errors import InputError, mismatch, os_reason
 from semcal_cli.geometry.arrays import Array
-
-MAX_DOCUMENT_BYTES = 16 << 20
-"""Maximum size of a document: a YAML, JSON or XML file, a list of names, or a short text. At worst, YAML of this size
-takes about ten seconds and half a gigabyte to parse."""
-MAX_TABLE_BYTES = 64 << 20
-"""Maximum size of a text with numbers, one pose or one result per line."""
 
 _WITHOUT_WAITING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 """Flags that open a pipe without waiting for a writer."""

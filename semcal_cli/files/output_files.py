@@ -1,6 +1,7 @@
 """Writing of files as a whole or not at all, so that a crash leaves no incomplete file.
 
-Outputs that are not regular files, such as descriptors, pipes and devices, are written to and not replaced.
+Outputs that are not regular files, such as descriptors, pipes and devices, are written to and not replaced. Links are
+refused: whoever made the folder of an output, such as a drive from a stranger, would choose what is written.
 """
 
 import errno
@@ -10,19 +11,21 @@ import re
 import select
 import stat
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
 from time import monotonic, sleep
 from typing import BinaryIO
 
+from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES
 from semcal_cli.errors import InputError, SemcalError, os_reason
 from semcal_cli.files.input_files import (
-    MAX_DOCUMENT_BYTES,
+    LINK,
     check_own_file,
     check_size,
     is_folder,
+    kind_of,
     read_reason,
 )
 
@@ -45,29 +48,54 @@ def write_bytes(content: bytes, path: Path) -> None:
     A replaced file keeps its permissions.
 
     Raises:
-        InputError: the file cannot be written. An existing file is then untouched.
+        InputError: the path holds a link, or the file cannot be written. An existing file is then untouched.
         BrokenPipeError: nothing reads the descriptor any more.
     """
     try:
         if (number := descriptor(path)) is not None:
             _write_to_descriptor(content, number)
             return
-        mode = path.stat().st_mode if path.exists() else None
+        mode = os.lstat(path).st_mode if kind_of(path) else None
         if mode is not None and not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            _check_no_link(path)
             _write_to_special(content, path)
         else:
-            _replace(Path(os.path.realpath(path)), content, mode)
+            _replace(path, [content], mode)
     except BrokenPipeError:
         raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
 
 
-def _replace(target: Path, content: bytes, mode: int | None) -> None:
+def write_parts(parts: Iterable[bytes], path: Path) -> None:
+    """Write a regular file as a whole or not at all, from its parts one after another; it is not there if they fail.
+
+    Raises:
+        InputError: the path holds something that is no file, or the file cannot be written.
+        Exception: whatever making the parts raises.
+    """
+    check_own_file(path)
+    try:
+        _replace(path, parts, None)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
+
+
+def _check_no_link(path: Path, needed: str = "a file or nothing") -> None:
+    """Check that a path of an output holds no link, which would redirect the output.
+
+    Raises:
+        InputError: it holds a link.
+    """
+    if descriptor(path) is None and kind_of(path) == LINK:
+        raise InputError(f"{path}: found a link, needed {needed}")
+
+
+def _replace(target: Path, parts: Iterable[bytes], mode: int | None) -> None:
     temporary = target.with_name(f".{os.urandom(8).hex()}.tmp")
     try:
         with _temporary_file(temporary) as file:
-            file.write(content)
+            file.writelines(parts)
             file.flush()
             os.fsync(file.fileno())
             if mode is not None:
@@ -179,19 +207,27 @@ def check_replaceable(path: Path) -> None:
     """Check that `write_bytes` may create or replace a file, before its content is computed.
 
     Raises:
-        InputError: its folder is not writable.
+        InputError: the path holds a link, or its folder is not writable.
     """
-    folder = Path(os.path.realpath(path)).parent
+    _check_no_link(path)
+    folder = Path(os.path.realpath(path.parent))
     if not os.access(folder, os.W_OK):
         raise InputError(f"{path}: found no permission to write to its folder {folder}, needed it")
 
 
-def make_folder(path: Path) -> None:
+def make_folder(path: Path, root: Path | None = None) -> None:
     """Create a folder unless it exists.
 
+    Args:
+        path: The folder.
+        root: A folder above it, below which no folder may be a link; the user named it, and semcal names what is below.
+
     Raises:
-        InputError: the folder cannot be created.
+        InputError: the folder cannot be created, or a folder on the way is a link.
     """
+    if root is not None:
+        for folder in [path, *path.parents][: len(path.relative_to(root).parts)]:
+            _check_no_link(folder, "a folder or nothing")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -212,14 +248,14 @@ def no_empty_folder(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def remove_if_refused() -> Iterator[Callable[[bytes, Path], None]]:
-    """Yield a function that writes a file and its folders; what it added is removed again if the block is refused."""
+def remove_if_refused(root: Path) -> Iterator[Callable[[bytes, Path], None]]:
+    """Yield a function that writes a file below a folder; what it added is removed again if the block is refused."""
     files, folders = list[Path](), list[Path]()
 
     def write(content: bytes, path: Path) -> None:
         is_new, missing = not path.exists(), takewhile(lambda folder: not folder.exists(), path.parents)
         folders.extend([*missing][::-1])
-        make_folder(path.parent)
+        make_folder(path.parent, root)
         write_bytes(content, path)
         files.extend([path] * is_new)
 

@@ -1,6 +1,5 @@
 """Checks of documents: strict pydantic models, and error messages of one line."""
 
-import difflib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar
@@ -9,7 +8,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from semcal_cli.errors import InputError, describe, mismatch
+from semcal_cli.errors import InputError, describe, mismatch, nearest
 from semcal_cli.geometry.poses import check_rigid, orthonormal
 
 MAX_TRANSLATION_M = 1e6
@@ -36,8 +35,8 @@ class StrictModel(BaseModel):
         check_not_newer(entries, known_keys)
         for key, value in entries.items():
             if key not in known_keys:
-                nearest = difflib.get_close_matches(str(key), known_keys, n=1, cutoff=0.0)[0]
-                raise ValueError(f"unknown key {describe(key)}; the nearest known key is {nearest!r}")
+                (known_key,) = nearest(str(key), known_keys, 1)
+                raise ValueError(f"unknown key {describe(key)}; the nearest known key is {known_key!r}")
             if isinstance(value, dict):
                 inner = sum(len(entry) for entry in value.values() if isinstance(entry, dict))
                 if (num_entries := len(value) + inner) > MAX_ENTRIES:

@@ -14,6 +14,7 @@ import yaml
 from yaml.events import AliasEvent, Event, MappingStartEvent, ScalarEvent, SequenceStartEvent
 from yaml.reader import Reader
 
+from semcal_cli.config.file_limits import MAX_WHOLE_KEY
 from semcal_cli.errors import describe
 
 MAX_DEPTH = 100
@@ -113,6 +114,8 @@ def _compose(next_event: Callable[[], Event]) -> Any:
             if inner is root:
                 return value
         elif key is _NO_KEY:
+            if type(value) is int and abs(value) > MAX_WHOLE_KEY:
+                raise _error(f"found key {describe(value)}, needed text or at most {MAX_WHOLE_KEY:,}", event)
             if value in inner:
                 raise _error(f"key {describe(value)} is given twice", event)
             key = value

@@ -21,7 +21,7 @@ from semcal_cli.files.validation import key_part, validate
 from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 from semcal_cli.geometry.poses import check_rigid, nearest_rigid
 
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 """A number in a text."""
 MAX_SIDE = 0xFFFF
 """Maximum number of pixels along a side of an image in a drive."""

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+from semcal_cli.config.file_limits import MAX_COMMAND
 from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA_WORDS, from_frames, has_word, name_frames
@@ -31,7 +32,7 @@ FRAME_NAMES = ("frame-id", "child-frame-id")
 def _read_command(source: Source, options: FormatOptions) -> Pose:
     where = str(source.path)
     lines = source.text.replace("\\\n", " ").splitlines()
-    commands = [words for words in (_words(where, line) for line in lines) if PUBLISHER in words]
+    commands = [words for line in lines if PUBLISHER in line and PUBLISHER in (words := _words(where, line))]
     return _one_of(where, [words[words.index(PUBLISHER) + 1 :] for words in commands], options)
 
 
@@ -62,6 +63,10 @@ def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> 
 
 
 def _words(where: str, text: str) -> list[str]:
+    if len(text) > MAX_COMMAND:
+        raise InputError(
+            f"{where}: found a command of {len(text):,} characters, needed at most {MAX_COMMAND:,}"
+        )
     try:
         return shlex.split(text)
     except ValueError as error:

@@ -38,14 +38,17 @@ def _read(source: Source, options: FormatOptions) -> Pose:
 
 def _between(source: Source, joints: list[ET.Element], start: str, end: str) -> Pose:
     """Chain the joints from one link to another: T_start_end (4, 4)."""
+    neighbours: dict[str, list[tuple[str, ET.Element]]] = {}
+    for joint in joints:
+        parent, child = _links(joint)
+        neighbours.setdefault(parent, []).append((child, joint))
+        neighbours.setdefault(child, []).append((parent, joint))
     predecessors: dict[str, tuple[str, ET.Element]] = {}
     for link in (queue := [start]):
-        for joint in joints:
-            if link in (ends := _links(joint)):
-                other = ends[ends[0] == link]
-                if other != start and other not in predecessors:
-                    queue.append(other)
-                    predecessors[other] = link, joint
+        for other, joint in neighbours.get(link, ()):
+            if other != start and other not in predecessors:
+                queue.append(other)
+                predecessors[other] = link, joint
     if end not in predecessors:
         raise InputError(f"{source.path}: found no chain of joints from {start!r} to {end!r}, needed one")
     steps, link = [], end

@@ -115,7 +115,7 @@ def accumulate_drive(
         check_may_replace(path, lambda file, frame: os.path.realpath(file) in inputs, of_networks=True)
     accumulation = Accumulation(drive, seconds, num_sweeps, on_event)
     frames, clouds = dict[int, dict[str, Any]](), list[AccumulatedCloud]()
-    with remove_if_refused() as write:
+    with remove_if_refused(path.parent) as write:
         for frame, cloud in accumulation.clouds():
             files = cloud.files(f"{path.stem}/{cloud.place:06d}")
             if not clouds:

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.errors import InputError, describe, os_reason
 from semcal_cli.files.image_files import read_size
-from semcal_cli.files.input_files import MAX_TABLE_BYTES, is_folder, read_start, read_text
+from semcal_cli.files.input_files import is_folder, read_start, read_text
 from semcal_cli.formats.node import MAX_WORLD_M, image_side, number, parse_numbers
 from semcal_cli.geometry.arrays import Numbers, Vector, Vectors
 

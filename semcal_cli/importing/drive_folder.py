@@ -81,7 +81,7 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
     drive = validate(Drive, _document(recording, path), UNWRITTEN)
     drive._path = path
     chosen = select_varied(drive, recording, options)
-    with remove_if_refused() as write:
+    with remove_if_refused(path.parent) as write:
         frames = [frame for frame in chosen if _write_converted(frame, path.parent, write)]
         if not frames:
             file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.drive.document import FILES, Drive, Frame, Motion, output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
-from semcal_cli.files.input_files import MAX_TABLE_BYTES, is_same_file, read_text
+from semcal_cli.files.input_files import is_same_file, read_text
 from semcal_cli.files.output_files import remove_if_refused
 from semcal_cli.files.validation import validate
 from semcal_cli.importing.drive_folder import check_may_replace
@@ -93,7 +94,7 @@ def merge_drives(drives: Sequence[Drive], out: Path, *, force: bool = False) -> 
             _check_covered(drive)
         document["motion"]["poses"] = poses_path.relative_to(path.parent).as_posix()
     validate(Drive, document, path)
-    with remove_if_refused() as write:
+    with remove_if_refused(path.parent) as write:
         if poses is not None:
             write(poses.encode(), poses_path)
         write(document_text(document, "yaml").encode(), path)

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
@@ -28,6 +29,9 @@ NS = 1_000_000_000
 RANGES_M = 1.5, 100.0
 """Ranges of the points that are used. Nearer ones may lie on the vehicle itself and would suggest a standstill."""
 VOXEL_M = 1.0
+MAX_ITERATIONS = 50
+"""Maximum number of iterations of one registration, a tenth of KISS-ICP's own: sweeps that do not fit would take all.
+Twelve sweeps each of KITTI-360 and of two drives of KITTI raw get the same poses with 500, to the last bit."""
 MAX_GAP_NS = NS // 2
 """Longest time from one sweep or pose to the next. After a longer gap between sweeps, the odometry starts anew."""
 NUM_WARM_UPS = 4
@@ -41,6 +45,12 @@ MAX_CHANGE_M_S, MAX_CHANGE_RAD_S = 3.0, 1.0
 SIGMA = {"linear_m_s": 0.1, "angular_rad_s": 0.01}
 """Standard deviations of the velocities between poses, for `motion: sigma:`. They are 0.09 m/s and 0.008 rad/s over
 0.4 s on three drives of KITTI raw, and less on synthetic streets (`tests/benchmarks/odometry.py`)."""
+MAX_RESTARTS, SWEEPS_A_RESTART = 2, 10
+"""Maximum number of times that the odometry starts anew after a jump, and number of sweeps after which once more: a
+start registers two sweeps eight times. Where it may not start anew, sweeps are doubtful."""
+MAX_SWEEP_POINTS, MAX_SWEEP_CELLS = 500_000, 10_000
+"""Maximum number of points that are registered, and of the voxels that they fill: more are thinned. KISS-ICP registers
+one point a voxel; sweeps of 64 channels of KITTI, KITTI-360 and RELLIS-3D fill 2,800 to 3,000."""
 DOUBTFUL_NS = NS // 2
 """Time before and after a doubtful sweep in which no pose is trusted."""
 MIN_SHARE = 0.07
@@ -98,6 +108,7 @@ class Odometry:
         self.doubtful_ns: list[int] = []
         """Times at which the motion jumped or was unobservable in one direction, such as between a tunnel's walls."""
         self._stretches: list[dict[int, Pose]] = []
+        self._num_sweeps, self._num_restarts, self._is_lost = 0, 0, False
         self._first: _Sweep | None = None
         self._kiss: Any = None
         self._last_ns = 0
@@ -116,7 +127,10 @@ class Odometry:
         gap_ns = sweep.moment_ns - self._last_ns
         if self._stretches and gap_ns <= 0:
             return
-        if not self._stretches or gap_ns > MAX_GAP_NS:
+        self._num_sweeps += 1
+        if self._is_lost:
+            self._restart(sweep)
+        elif not self._stretches or gap_ns > MAX_GAP_NS:
             self._begin(sweep)
         elif self._first is not None:
             self._begin_motion(self._first, sweep)
@@ -134,11 +148,13 @@ class Odometry:
             if len(stretch) > 1:
                 poses = list(stretch.items())
                 all_poses |= dict([_extrapolate(poses[2::-1]), *poses, _extrapolate(poses[-3:])])
-        return {
-            stamp: T
-            for stamp, T in all_poses.items()
-            if all(abs(stamp - doubtful) > DOUBTFUL_NS for doubtful in self.doubtful_ns)
-        }
+        doubtful_ns = sorted(self.doubtful_ns)
+
+        def is_trusted(stamp: int) -> bool:
+            after = bisect_left(doubtful_ns, stamp - DOUBTFUL_NS)
+            return after == len(doubtful_ns) or doubtful_ns[after] > stamp + DOUBTFUL_NS
+
+        return {stamp: T for stamp, T in all_poses.items() if is_trusted(stamp)}
 
     def doubts(self, start_ns: int) -> list[str]:
         """Describe which frames are left out because the motion is doubtful, in times after a start; [] if none."""
@@ -178,9 +194,18 @@ class Odometry:
         before, self._twist_per_s = self._twist_per_s, self._register(sweep, sweep.moment_ns - self._last_ns)
         if _jumps(before, self._twist_per_s):
             self._doubt(sweep)
-            self._begin(sweep)
+            self._restart(sweep)
         else:
             self._keep(sweep, self._kiss.last_pose)
+
+    def _restart(self, sweep: _Sweep) -> None:
+        """Start a stretch after a jump, if there were not too many."""
+        self._is_lost = self._num_restarts >= MAX_RESTARTS + self._num_sweeps // SWEEPS_A_RESTART
+        if self._is_lost:
+            self._doubt(sweep)
+        else:
+            self._num_restarts += 1
+            self._begin(sweep)
 
     def _doubt(self, sweep: _Sweep) -> None:
         if sweep.moment_ns not in self.doubtful_ns[-2:]:
@@ -343,9 +368,22 @@ def _sweep(points: Points, times_s: Numbers | None, stamp_ns: int) -> _Sweep:
     times_s = np.zeros(len(points)) if times_s is None else times_s
     ranges_m = np.linalg.norm(points, axis=1)
     counts = (ranges_m > RANGES_M[0]) & (ranges_m < RANGES_M[1]) & np.isfinite(times_s)
-    points, times_s = np.ascontiguousarray(points[counts], np.float32), times_s[counts].astype(np.float64)
+    kept = _thinned(np.flatnonzero(counts), points)
+    points, times_s = np.ascontiguousarray(points[kept], np.float32), times_s[kept].astype(np.float64)
     middle_s = 0.5 * (times_s.min() + times_s.max()) if len(times_s) else 0.0
     return _Sweep(points, times_s - middle_s, stamp_ns + round(middle_s * NS))
+
+
+def _thinned(indices: npt.NDArray[np.intp], points: Points) -> npt.NDArray[np.intp]:
+    """Keep fewer of the points with these indices if there are too many, or if they fill too many voxels."""
+    indices = indices[:: -(-len(indices) // MAX_SWEEP_POINTS) or 1]
+    if len(indices) <= MAX_SWEEP_CELLS:
+        return indices
+    cells = np.floor(points[indices] / VOXEL_M).astype(np.int64) @ [1, 1 << 20, 1 << 40]
+    filled = np.unique(cells)
+    if len(filled) <= MAX_SWEEP_CELLS:
+        return indices
+    return indices[np.isin(cells, filled[:: -(-len(filled) // MAX_SWEEP_CELLS)])]
 
 
 def _extrapolate(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
@@ -370,6 +408,6 @@ def _kiss_icp() -> Any:
         KISSConfig(
             data=DataConfig(min_range=RANGES_M[0], max_range=RANGES_M[1], deskew=False),
             mapping=MappingConfig(voxel_size=VOXEL_M),
-            registration=RegistrationConfig(max_num_threads=1),
+            registration=RegistrationConfig(max_num_threads=1, max_num_iterations=MAX_ITERATIONS),
         )
     )

@@ -1,18 +1,31 @@
-"""Networks on the Hugging Face hub, fetched by name with the hub's own library into its own cache."""
+"""Networks on the Hugging Face hub, fetched by name into the cache of the hub's own library."""
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
+from urllib.parse import quote
 
+from semcal_cli.config.file_limits import MAX_NETWORK_FILES
 from semcal_cli.errors import InputError, check_installed, listed, reason
 from semcal_cli.events import Listener, Progress, StageDone, ignore
+from semcal_cli.files.input_files import FILE, kind_of
+from semcal_cli.files.output_files import make_folder, write_parts, write_text
+from semcal_cli.labelling.hub_answers import (
+    StatedFile,
+    commit_of,
+    describe_file,
+    names_in,
+    parts_of,
+    read_json,
+)
 
 PREFIX = "hf:"
 NAME = re.compile(r"hf:(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?(:(?P<file>[\w./-]+\.onnx))?")
@@ -28,8 +41,6 @@ SNAPSHOT = re.compile(r"/models--([^/]+)/snapshots/([0-9a-f]{40})/(.+)$")
 MEGABYTE = 1e6
 REFUSALS = (401, 403, 404)
 """HTTP statuses of a network that is private, gated or missing."""
-TIMEOUT_S = 10.0
-"""Longest wait for an answer of the hub."""
 
 
 class Recommended(NamedTuple):
@@ -103,7 +114,7 @@ def find_model(name: str, max_mb: float, on_event: Listener = ignore) -> Path:
         return Path(name)
     text = name if name.startswith(PREFIX) else PREFIX + RECOMMENDED[name].repository
     parts = NAME.fullmatch(text)
-    if parts is None or ".." in text:
+    if parts is None or ".." in text or (parts["revision"] or "").startswith("/"):
         raise InputError(f"{text}: is not the name of an ONNX network on the hub, needed {SYNTAX}")
     hub = HubName(text, parts["repo"], parts["revision"] or "main", parts["file"])
     check_installed(text, "huggingface_hub", "label")
@@ -133,34 +144,94 @@ def _fetch_files(hub: HubName, max_mb: float, on_event: Listener) -> Path:
     import huggingface_hub
     from huggingface_hub.errors import HfHubHTTPError
 
-    start, api = perf_counter(), huggingface_hub.HfApi(library_name="semcal")
-    fetch = partial(
-        huggingface_hub.hf_hub_download, hub.repo, endpoint=api.endpoint, library_name=api.library_name
-    )
+    start, endpoint = perf_counter(), huggingface_hub.constants.ENDPOINT
+    address = f"{endpoint}/api/models/{hub.repo}/revision/{quote(hub.revision, safe='')}"
     try:
-        info = api.model_info(hub.repo, revision=hub.revision, timeout=TIMEOUT_S)
+        info = read_json(address)
     except Exception as error:  # Which errors the library raises without a connection depends on its version.
         if isinstance(error, HfHubHTTPError) and error.response.status_code in REFUSALS:
             raise
-        return _find_cached(hub, api.endpoint, error)
-    names, commit = [sibling.rfilename for sibling in info.siblings or ()], info.sha
+        return _find_cached(hub, endpoint, error)
+    commit, names = commit_of(info), names_in(info)
     model = _choose_model(hub, names)
     chosen = [name for name in names if name in SIDECARS or _is_part(name, model)] + [model]
-    states: list[Any] = [fetch(name, revision=commit, dry_run=True) for name in chosen]
-    sizes = [state.file_size or 0 for state in states if state.will_download]
-    size_mb = sum(sizes) / MEGABYTE
+    if len(chosen) > MAX_NETWORK_FILES:
+        raise hub.error(f"{len(chosen):,} files of the network", f"at most {MAX_NETWORK_FILES}")
+    cache = _Cache(hub.repo, commit)
+    addresses = {name: huggingface_hub.hf_hub_url(hub.repo, name, revision=commit) for name in chosen}
+    files = {name: describe_file(addresses[name]) for name in chosen if not cache.has(name)}
+    missing = [file for file in files.values() if not cache.has_content(file)]
+    size_mb = sum(file.num_bytes for file in missing) / MEGABYTE
     if size_mb > max_mb:
         raise hub.error(
             f"{size_mb:,.1f} MB to fetch", f"at most {max_mb:g} MB; --max-download-mb allows more"
         )
-    for name in chosen:
-        fetch(name, revision=commit, tqdm_class=_progress_bar(f"fetching {name} of {hub.repo}", on_event))
-    # By the name of the revision, so that the cache can resolve it offline.
-    path = Path(fetch(model, revision=hub.revision))
-    if sizes:
-        note = f"{hub_name(path) or hub.text}: {len(sizes)} files, {size_mb:.1f} MB"
+    for name, file in files.items():
+        if file in missing:
+            step, of_total = f"fetching {name} of {hub.repo}", f" of {file.num_bytes / MEGABYTE:.1f} MB"
+
+            def tell(num_bytes: int, step: str = step, of_total: str = of_total) -> None:
+                on_event(Progress(f"{step}: {num_bytes / MEGABYTE:.1f}{of_total}"))
+
+            cache.write_content(file, parts_of(file, tell))
+        cache.link(name, file)
+    cache.name_commit(hub.revision)
+    path = cache.path(model)
+    if missing:
+        note = f"{hub_name(path) or hub.text}: {len(missing)} files, {size_mb:.1f} MB"
         on_event(StageDone("fetched", perf_counter() - start, note))
     return path
+
+
+class _Cache:
+    """A commit of a network in the library's cache, laid out as the library does it.
+
+    Names of files in it are those that semcal asks for, and hashes that are hexadecimal digits.
+    """
+
+    def __init__(self, repo: str, commit: str) -> None:
+        from huggingface_hub import constants
+
+        self._folder = Path(constants.HF_HUB_CACHE) / f"models--{repo.replace('/', '--')}"
+        self._commit = commit
+
+    def path(self, name: str) -> Path:
+        """Name a file of the network."""
+        return self._folder / "snapshots" / self._commit / name
+
+    def has(self, name: str) -> bool:
+        """Return whether a file of the network is there."""
+        return self.path(name).is_file()
+
+    def has_content(self, file: StatedFile) -> bool:
+        """Return whether a content is there, of this network at any commit."""
+        blob = self._blob(file)
+        return kind_of(blob) == FILE and blob.stat().st_size == file.num_bytes
+
+    def write_content(self, file: StatedFile, parts: Iterable[bytes]) -> None:
+        """Write a content, as a whole or not at all."""
+        make_folder(self._blob(file).parent)
+        write_parts(parts, self._blob(file))
+
+    def link(self, name: str, file: StatedFile) -> None:
+        """Let a file of the network be a content that is there, by a link, or a copy where the disk has no links."""
+        path, blob = self.path(name), self._blob(file)
+        make_folder(path.parent)
+        path.unlink(missing_ok=True)
+        try:
+            path.symlink_to(os.path.relpath(blob, path.parent))
+        except OSError:
+            shutil.copyfile(blob, path)
+
+    def name_commit(self, revision: str) -> None:
+        """Note that a branch or a tag is this commit, so that it is found without the hub."""
+        if revision != self._commit:
+            file = self._folder / "refs" / revision
+            make_folder(file.parent)
+            write_text(self._commit, file)
+
+    def _blob(self, file: StatedFile) -> Path:
+        return self._folder / "blobs" / file.digest
 
 
 def _choose_model(hub: HubName, siblings: Iterable[str]) -> str:
@@ -218,27 +289,3 @@ def _translated_errors(hub: HubName) -> Iterator[None]:
         raise
     except Exception as error:  # The connection, the disk or a dependency of the library.
         raise InputError(f"{hub.text}: could not be fetched: {reason(error)[:300]}") from None
-
-
-def _progress_bar(step: str, on_event: Listener) -> type[Any]:
-    """Make a progress bar class for the library that reports the progress of a download to a listener."""
-    from tqdm import tqdm
-
-    class Bar(tqdm):  # type: ignore[misc]
-        def __init__(self, *args: Any, **about: Any) -> None:
-            super().__init__(*args, **about | {"disable": True})
-            self.num_done = int(about.get("initial") or 0)
-            self.update(0)
-
-        def update(self, n: float | None = 1) -> None:
-            self.num_done += int(n or 0)
-            of_total = f" of {self.total / MEGABYTE:.1f}" if self.total else ""
-            on_event(Progress(f"{step}: {self.num_done / MEGABYTE:.1f}{of_total} MB"))
-
-        def update_transfer(self, n: float | None = 1) -> None:
-            """Ignore compressed chunks, which `update` counts already; the library calls this method."""
-
-        def set_transfer_postfix_str(self, *args: Any, **about: Any) -> None:
-            """Ignore the transfer speed."""
-
-    return Bar

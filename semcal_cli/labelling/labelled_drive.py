@@ -135,6 +135,7 @@ def label_beside(
     name = f"{drive.path.stem}_{_cache_key([drive.model_dump(mode='json'), *folders[1:]])}.yaml"
     paths = [drive.root / CACHE / folder / name for folder in folders]
     for side, path in zip(sides, paths, strict=True):
+        make_folder(path.parent, drive.root)
         labelled_drive = label_drive(drive, [side], path, by_content=True, on_event=on_event)
         if labelled_drive.failures:
             raise InputError(
@@ -154,7 +155,7 @@ def _record_text(settings: object) -> str:
 def _prepare_folder(drive: Drive, side: LabelSide, root: Path, force: bool, by_content: bool) -> list[Path]:
     """Make the folder of the labels, check its record, and name the label file of each frame."""
     folder = root / (side.folder or side.key)
-    make_folder(folder)
+    make_folder(folder, root)
     record, settings = folder / RECORD, dict(side.settings)
     if side.key == "point_labels" and drive.lidar is not None and any(drive.lidar.origin_m):
         settings["origin_m"] = list(drive.lidar.origin_m)

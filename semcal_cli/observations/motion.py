@@ -15,11 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
+from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.array_forms import SweepCloud
-from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
+from semcal_cli.files.input_files import read_text
 from semcal_cli.geometry.arrays import Array, Numbers, Pose
 from semcal_cli.geometry.poses import orthonormal, pose_from_quaternion
 from semcal_cli.observations.observations import LabelledCloud, Observations

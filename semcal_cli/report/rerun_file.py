@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import InputError
 from semcal_cli.files.image_files import read_size
-from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_bytes
+from semcal_cli.files.input_files import read_bytes
 from semcal_cli.files.output_files import write_bytes
 from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.arrays import Pose

@@ -14,6 +14,7 @@ from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.image_files import write_image
+from semcal_cli.files.output_files import write_bytes
 from semcal_cli.geometry.arrays import ClassIds
 from semcal_cli.synthetic.label_noise import mislabel
 from semcal_cli.synthetic.street_motion import (
@@ -61,9 +62,9 @@ def write_frame(
     labels, image_labels = frame.point_labels, frame.image_labels
     path = {folder: out / name for folder, name in file_names(config, number).items()}
     if sweeps is None:
-        with name_folder_in_errors(out):
-            path["points"].write_bytes(_cloud(config, frame))
-            _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
+        write_bytes(_cloud(config, frame), path["points"])
+        point_labels = _noisy_point_labels(config, labels, number)
+        write_bytes(point_labels.astype("<u4").tobytes(), path["point_labels"])
     # The label noise differs between cameras.
     rng = generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
     noisy = mislabel(image_labels, config.label_noise, class_ids(), rng, UNLABELED)

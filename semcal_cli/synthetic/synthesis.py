@@ -18,7 +18,7 @@ from semcal_cli.drive.camera import Camera, CameraModel, core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
-from semcal_cli.files.output_files import write_text
+from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.geometry.arrays import Pose, Vector
 from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.synthetic.frame_files import (
@@ -97,7 +97,7 @@ def synthesize(
     _check_empty(out, force)
     with name_folder_in_errors(out):
         for folder in IMAGE_FOLDERS if sweeps else SWEEP_FOLDERS + IMAGE_FOLDERS:
-            (out / folder).mkdir(parents=True, exist_ok=True)
+            make_folder(out / folder, out)
         (out / DRIVE_FILE).unlink(missing_ok=True)
     # Rust renders one frame at a time on all cores, while the other thread writes the previous frame.
     with ThreadPoolExecutor(max_workers=2) as threads:
@@ -159,6 +159,7 @@ def synthesize_rig(
         azimuth_deg = (first_deg + 360.0 * index / num_cameras + 180.0) % 360.0 - 180.0
         camera_config = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
         sweeps = f"../{names[0]}" if index else None
+        make_folder(out / name, out)
         summary = synthesize(camera_config, out / name, tell, force=force, sweeps=sweeps, camera=index)
         num_done += config.num_frames
     document = {"semcal_rig": 1, "cameras": {name: name for name in names}}

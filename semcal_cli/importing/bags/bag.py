@@ -156,6 +156,8 @@ class Bag:
                     yield _unpack_message(message)
                     step = STEP_NS
                 return
+            except InputError:
+                raise
             except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
                 self._damaged[f"{file.name}: {_shorten(error)}"] += 1
                 start, step = start + step, 2 * step

@@ -92,7 +92,7 @@ def import_bag(
             is not one of this recording.
     """
     folder = output_drive_file(out).parent
-    with Bag(request.paths) as bag, no_empty_folder(folder), remove_if_refused() as write:
+    with Bag(request.paths) as bag, no_empty_folder(folder), remove_if_refused(folder) as write:
         return _Import(bag, request, out, on_event, write, force).run()
 
 

@@ -12,19 +12,21 @@ from typing import Any
 import numpy as np
 from mcap.records import Schema
 
+from semcal_cli.config.file_limits import MAX_MESSAGE_TRANSFORMS
 from semcal_cli.errors import check_installed, counted, describe, reason
 from semcal_cli.importing.bags.messages import (
     CAMERA_INFO,
     CLOUD,
     COMPRESSED,
     IMAGE,
+    MAX_FIELDS,
     MAX_FRAME_ID,
     POSE,
     TRANSFORMS,
     VIDEO,
     MessageError,
 )
-from semcal_cli.importing.bags.point_messages import MAX_FIELDS
+from semcal_cli.importing.bags.protobuf_values import check_values
 
 POINT_FIELD_TYPES = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
 """Datatype of a sensor_msgs/PointField by that of a PackedElementField."""
@@ -32,6 +34,8 @@ CAMERA_NUMBERS = {"D": range(33), "K": (0, 9), "R": (0, 9), "P": (0, 12)}
 """How many numbers the arrays of a camera may have."""
 MAX_WHOLE, MAX_SECONDS = (1 << 32) - 1, 1 << 33
 """Largest whole number in ROS messages, and largest time before or after 1970, in seconds."""
+MAX_UNCHECKED_BYTES = 1 << 16
+"""Largest Protobuf message whose values are not counted before it is parsed."""
 MAX_JSON_BYTES, MAX_JSON_VALUES = 1 << 28, 1 << 20
 """Largest message in JSON, and largest number of values in it: in memory, a value takes a hundred times its bytes."""
 
@@ -144,6 +148,8 @@ def _camera_calibration(message: Any) -> SimpleNamespace:
 
 def _transforms(message: Any) -> SimpleNamespace:
     transforms = message.transforms if hasattr(message, "transforms") else [message]
+    if len(transforms) > MAX_MESSAGE_TRANSFORMS:
+        raise MessageError(f"found {len(transforms):,} transforms, needed at most {MAX_MESSAGE_TRANSFORMS:,}")
     return SimpleNamespace(
         transforms=[
             SimpleNamespace(
@@ -215,9 +221,15 @@ def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] |
             return MessageError(f"found a schema {schema.name} that cannot be read: {reason(error)[:120]}")
         return decoder or MessageError(f"found a schema in {describe(schema.encoding)}, needed 'protobuf'")
 
+    @cache
+    def descriptor() -> Any:
+        return parser()(b"").DESCRIPTOR  # type: ignore[operator]
+
     def read(raw: bytes) -> Any:
         if isinstance(parse := parser(), MessageError):
             raise MessageError(*parse.args)
+        if len(raw) > MAX_UNCHECKED_BYTES:
+            check_values(raw, descriptor())
         return translate(parse(raw))
 
     return kind, read

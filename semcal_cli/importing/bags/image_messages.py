@@ -12,7 +12,7 @@ import numpy as np
 
 from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError, counted
-from semcal_cli.files.image_files import Size, read_image, size_in_header
+from semcal_cli.files.image_files import Size, decode_image, read_image, size_in_header
 from semcal_cli.geometry.arrays import RawPixels, Values
 from semcal_cli.importing.bags.messages import COMPRESSED, Message, MessageError
 
@@ -140,7 +140,7 @@ def _named_mosaic(message: Message, bayer: Bayer | None) -> int | None:
 def _grey_pixels(file: ImageFile) -> RawPixels | None:
     """Decode a grey image (H, W), which may be stored in three equal channels; None if it has colours."""
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels: RawPixels = _decode(lambda: cv2.imdecode(np.frombuffer(file.content, np.uint8), flags))
+    pixels = _decode_file(file.content, flags)
     if pixels.ndim == 2:
         return pixels
     blue, green, red = cv2.split(pixels)[:3]
@@ -166,9 +166,7 @@ def thumbnail(message: Message) -> Values:
         MessageError: as `image_file`, or the image cannot be decoded.
     """
     if message.is_a(COMPRESSED):
-        _compressed(message)
-        content = np.frombuffer(message.content.data, dtype=np.uint8)
-        grey = _decode(lambda: cv2.imdecode(content, cv2.IMREAD_REDUCED_GRAYSCALE_8))
+        grey = _decode_file(_compressed(message).content, cv2.IMREAD_REDUCED_GRAYSCALE_8)
     else:
         pixels = _pixels(message)
         coarse = pixels[:: max(len(pixels) // SAMPLED_ROWS, 1), :: max(pixels.shape[1] // SAMPLED_ROWS, 1)]
@@ -234,6 +232,16 @@ def _check_size(width: int, height: int) -> None:
         raise MessageError(f"found an image of {width} x {height} pixels")
     if width * height > MAX_PIXELS:
         raise MessageError(f"found {width:,} x {height:,} pixels, needed at most {MAX_PIXELS:,}")
+
+
+def _decode_file(content: bytes, flags: int) -> RawPixels:
+    try:
+        pixels: RawPixels | None = decode_image(Path("image"), content, flags)
+    except InputError as error:
+        raise MessageError(str(error)) from None
+    if pixels is None:
+        raise MessageError("found a damaged image")
+    return pixels
 
 
 def _decode(decode: Callable[[], Any]) -> Any:

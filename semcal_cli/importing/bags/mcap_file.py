@@ -6,28 +6,41 @@ import re
 import struct
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from heapq import heappop, heappush
 from io import BytesIO
 from pathlib import Path
 from typing import IO
+from zlib import crc32
 
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message as McapMessage, MessageIndex, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
+from semcal_cli.config.file_limits import (
+    MAX_CHUNK_RECORDS,
+    MAX_HELD_BYTES,
+    MAX_SUMMARY_BYTES,
+    MAX_UNPACKED_BYTES,
+)
+from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import open_file, size_of
 from semcal_cli.importing.bags.foxglove import reader
 from semcal_cli.importing.bags.messages import Message, Span, Topic
-from semcal_cli.importing.bags.unpacking import MAX_UNPACKED_BYTES, unpack
+from semcal_cli.importing.bags.unpacking import Meter, unpack
 
 MAGIC_BYTES = 8
+RECORDS: dict[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
+"""Records of a chunk other than messages."""
 MAX_INDEX_BYTES = 1 << 26
 """Largest size of the indexes of a chunk that are read."""
-MAX_RECORDS, RECORD_HEAD = 1 << 20, struct.Struct("<BQ")
-"""Largest number of records in a chunk, as each takes more memory than its bytes; and the head of a record."""
+RECORD_HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+"""Head of a record, and of a message in it: channel, sequence, time of receipt and of publication."""
+FOOTER = struct.Struct("<BQQQI8s")
+"""The last record with the final magic bytes; its third number is where the summary begins."""
 
 
 class McapFile:
@@ -46,11 +59,13 @@ class McapFile:
         self._chunks: list[ChunkIndex] = []
         self._times: dict[int, dict[int, tuple[int, int]]] = {}
         self._missing, self._num_bad = 0, 0
+        self._meter = Meter(path, self._size)
         library = SeekingReader(self._file, validate_crcs=True, record_size_limit=self._size)
         library.get_header()
         is_whole, summary = True, None
         try:
-            summary = library.get_summary()
+            is_whole = not self._has_large_summary()
+            summary = library.get_summary() if is_whole else None
         except Exception:  # Hostile bytes raise errors of any kind in the library.
             is_whole = False
         self.is_indexed = summary is not None and _is_index(summary)
@@ -69,7 +84,7 @@ class McapFile:
             ValueError: a chunk is damaged, or too large; without an index, those are left out.
         """
         channels = {key for key, topic in self._topics.items() if topic in topics}
-        records = self._indexed(channels, start_ns, stop_ns) if self.is_indexed else self._records()
+        records = self._indexed(channels, start_ns, stop_ns) if self.is_indexed else self._records(channels)
         for record in records:
             if (
                 isinstance(record, McapMessage)
@@ -90,16 +105,23 @@ class McapFile:
             )
         ]
         heap: list[tuple[int, int, int, McapMessage]] = []
+        num_held = 0
         for chunk_number, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.message_start_time)):
             while heap and heap[0][0] < chunk.message_start_time:
-                yield heappop(heap)[-1]
+                earliest = heappop(heap)[-1]
+                num_held -= len(earliest.data)
+                yield earliest
             self._file.seek(chunk.chunk_start_offset)
             record = next(self._reader(self._file).records)
             if not isinstance(record, Chunk):
                 raise ValueError("found no chunk where the index has one")
-            for index, message in enumerate(_chunk_records(record)):
-                if isinstance(message, McapMessage) and message.channel_id in channels:
+            for index, message in enumerate(self._chunk_records(record, channels)):
+                if isinstance(message, McapMessage):
                     heappush(heap, (message.log_time, chunk_number, index, message))
+                    num_held += len(message.data)
+            if num_held > MAX_HELD_BYTES + MAX_UNPACKED_BYTES:
+                held = f"chunks of the same time with more than {num_held:,} bytes of messages"
+                raise InputError(f"{self._path}: found {held}, needed fewer: `mcap sort` sorts a recording")
         while heap:
             yield heappop(heap)[-1]
 
@@ -170,7 +192,55 @@ class McapFile:
         missing += [f"{self._num_bad:,} damaged chunks"] if self._num_bad else []
         self.damage = ", ".join(missing) or None
 
-    def _records(self) -> Iterator[McapRecord]:
+    def _has_large_summary(self) -> bool:
+        """Return whether there is a summary that is too large to be read into memory."""
+        if self._size < FOOTER.size:
+            return False
+        self._file.seek(self._size - FOOTER.size)
+        kind, _, start, *_ = FOOTER.unpack(self._file.read(FOOTER.size))
+        return bool(kind == Opcode.FOOTER and 0 < start < self._size - MAX_SUMMARY_BYTES)
+
+    def _chunk_records(self, chunk: Chunk, channels: Collection[int] | None) -> Iterator[McapRecord]:
+        """Yield the records of a chunk, which is unpacked up to the size that it states.
+
+        Args:
+            chunk: The chunk.
+            channels: Channels whose messages are yielded; None for all.
+
+        Raises:
+            ValueError: it states more bytes than are allowed, holds more than it states, is damaged, or has too many
+                records.
+            InputError: more was unpacked in all than is allowed.
+        """
+        if chunk.uncompressed_size > MAX_UNPACKED_BYTES:
+            problem = f"found a chunk that states {chunk.uncompressed_size:,} bytes"
+            raise ValueError(f"{problem}, needed at most {MAX_UNPACKED_BYTES:,}")
+        self._meter.add(chunk.uncompressed_size)
+        data = unpack(chunk.compression, chunk.data, chunk.uncompressed_size)
+        if chunk.uncompressed_crc and crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("found a chunk whose checksum is wrong")
+        offset = num_records = 0
+        try:
+            while offset + RECORD_HEAD.size <= len(data):
+                kind, length = RECORD_HEAD.unpack_from(data, offset)
+                start = offset + RECORD_HEAD.size
+                offset, num_records = start + length, num_records + 1
+                if offset > len(data):
+                    raise ValueError("found a record that goes beyond its chunk")
+                if num_records > MAX_CHUNK_RECORDS:
+                    raise ValueError(f"found a chunk of more than {MAX_CHUNK_RECORDS:,} records")
+                if kind == Opcode.MESSAGE:
+                    head = MESSAGE_HEAD.unpack_from(data, start)
+                    if channels is None or head[0] in channels:
+                        yield McapMessage(
+                            head[0], head[2], data[start + MESSAGE_HEAD.size : offset], head[3], head[1]
+                        )
+                elif kind in RECORDS:
+                    yield RECORDS[kind].read(ReadDataStream(BytesIO(data[start:offset])))
+        finally:
+            self._meter.add(0, num_records)
+
+    def _records(self, channels: Collection[int] | None = None) -> Iterator[McapRecord]:
         """Yield the records of the file, and those of its whole chunks, in their order."""
         self._missing, self._num_bad, end = 0, 0, MAGIC_BYTES
         with open_file(self._path) as file:
@@ -179,11 +249,14 @@ class McapFile:
                 try:
                     for record in self._reader(file).records:
                         if isinstance(record, Chunk):
-                            yield from _chunk_records(record)
+                            yield from self._chunk_records(record, channels)
                         else:
+                            self._meter.add(0)
                             yield record
                         end = file.tell()
                     return
+                except InputError:
+                    raise
                 except (EndOfFile, RecordLengthLimitExceeded, struct.error):
                     self._missing = self._size - end
                     return
@@ -195,32 +268,14 @@ def _is_index(summary: Summary) -> bool:
     """Return whether a summary has all that is needed to read by it."""
     if summary.statistics is None or not summary.chunk_indexes:
         return False
+    if len({chunk.chunk_start_offset for chunk in summary.chunk_indexes}) < len(summary.chunk_indexes):
+        return False
     used_channels = set(summary.statistics.channel_message_counts)
     used_channels |= {channel for chunk in summary.chunk_indexes for channel in chunk.message_index_offsets}
     known_channels = {
         key for key, channel in summary.channels.items() if channel.schema_id in (0, *summary.schemas)
     }
     return used_channels <= known_channels
-
-
-def _chunk_records(chunk: Chunk) -> list[McapRecord]:
-    """List the records of a chunk, which is unpacked up to the size that it states.
-
-    Raises:
-        ValueError: it states more bytes than are allowed, holds more than it states, or has too many records.
-    """
-    if chunk.uncompressed_size > MAX_UNPACKED_BYTES:
-        problem = f"found a chunk that states {chunk.uncompressed_size:,} bytes"
-        raise ValueError(f"{problem}, needed at most {MAX_UNPACKED_BYTES:,}")
-    data = unpack(chunk.compression, chunk.data, chunk.uncompressed_size)
-    offset = 0
-    for _ in range(MAX_RECORDS):
-        if offset + RECORD_HEAD.size > len(data):
-            break
-        offset += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, offset)[1]
-    else:
-        raise ValueError(f"found a chunk of more than {MAX_RECORDS:,} records")
-    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
 def _topic(channel: Channel, schemas: dict[int, Schema], span: Span) -> Topic:

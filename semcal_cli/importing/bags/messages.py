@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from semcal_cli.config.file_limits import MAX_MESSAGE_TRANSFORMS
 from semcal_cli.errors import counted
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -36,6 +37,8 @@ DEFINITIONS = {
 HEADER_BYTES = 16
 """Bytes before the characters of `frame_id`: ROS 1's sequence or ROS 2's encapsulation, stamp and length."""
 MAX_FRAME_ID = 4096
+MAX_FIELDS = 128
+"""Largest number of fields of a point."""
 NS = 1_000_000_000
 
 
@@ -136,6 +139,7 @@ class Message:
             MessageError: the bytes are not a message of this type.
         """
         if (read := self.topic.decode) is None:
+            self._check_sequence()
             store = _types(self.topic.is_ros1)
             deserialize = store.deserialize_ros1 if self.topic.is_ros1 else store.deserialize_cdr
             read = partial(deserialize, typename=self.topic.type)
@@ -147,6 +151,25 @@ class Message:
             raise MessageError(
                 f"found {counted(len(self.raw), 'byte')} of something else, needed a {self.topic.type}"
             ) from error
+
+    def _check_sequence(self) -> None:
+        """Check the length of the sequence of messages in this one, before the library reads each of its items.
+
+        Raises:
+            MessageError: it is too long.
+        """
+        start, name, limit = 0 if self.topic.is_ros1 else 4, "transforms", MAX_MESSAGE_TRANSFORMS
+        if self.is_a(CLOUD):
+            (length,) = struct.unpack_from(f"{self.byte_order}I", self.raw, HEADER_BYTES - 4)
+            # The fields of the points follow the header, the height and the width, which CDR aligns.
+            end = HEADER_BYTES + length
+            start, name, limit = 8 + (end if self.topic.is_ros1 else -(-end // 4) * 4), "fields", MAX_FIELDS
+        elif not self.is_a(*TRANSFORMS):
+            return
+        if start + 4 <= len(self.raw):
+            (count,) = struct.unpack_from(f"{self.byte_order}I", self.raw, start)
+            if count > limit:
+                raise MessageError(f"found {count:,} {name}, needed at most {limit:,}")
 
     @cached_property
     def _header(self) -> tuple[int, int, str]:

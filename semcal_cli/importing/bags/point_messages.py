@@ -20,12 +20,20 @@ from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
-from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, NS, VELODYNE, Message, MessageError
+from semcal_cli.importing.bags.messages import (
+    CLOUD,
+    HEADER_BYTES,
+    MAX_FIELDS,
+    NS,
+    VELODYNE,
+    Message,
+    MessageError,
+)
 from semcal_cli.observations.point_times import length_of_unit
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
-MAX_POINT_BYTES, MAX_FIELDS = 1024, 128
+MAX_POINT_BYTES = 1024
 PACKET_POINTS = 384
 """Largest number of points in a packet of a Velodyne: 12 blocks of 32."""
 LIVOX_POINT = [

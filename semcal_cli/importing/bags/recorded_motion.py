@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -23,7 +23,15 @@ from semcal_cli.importing.bags.messages import (
     Topic,
     plain_frame,
 )
-from semcal_cli.importing.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, read_transforms
+from semcal_cli.importing.bags.transforms import (
+    SAME,
+    TF_STATIC,
+    Edge,
+    FrameTree,
+    check_count,
+    pose_of,
+    read_transforms,
+)
 from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, are_covered, estimator, tum_text
 
 NO_MOTION = "none"
@@ -55,6 +63,7 @@ class Trajectory:
         self._T_frame_lidar = T_frame_lidar
         self._poses: dict[int, Pose] = {}
         self._stamps: list[int] = []
+        self._is_sorted = True
         self._latency_ns = 0
 
     @classmethod
@@ -93,27 +102,36 @@ class Trajectory:
                 self._latency_ns = max(self._latency_ns, min(message.received_ns - stamp, LONGEST_LATENCY_NS))
             time = message.received_ns if received else stamp
             if time not in self._poses:
-                insort(self._stamps, time)
+                self._is_sorted &= not self._stamps or time > self._stamps[-1]
+                self._stamps.append(time)
             self._poses[time] = T @ self._T_frame_lidar
 
     @property
     def poses(self) -> dict[int, Pose]:
         """Poses (4, 4) of the LiDAR by their stamps in nanoseconds, ascending."""
-        return {stamp: self._poses[stamp] for stamp in self._stamps}
+        return {stamp: self._poses[stamp] for stamp in self._ordered()}
 
     def covers(self, *stamps_ns: int) -> bool:
         """Return whether poses lie close before and after each of the stamps."""
-        return are_covered(self._stamps, stamps_ns)
+        return are_covered(self._ordered(), stamps_ns)
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
         """Return the position (3,) of the pose that is nearest in time, metres; None without poses."""
         if not self._stamps:
             return None
-        index = bisect_left(self._stamps, stamp_ns)
-        neighbours = self._stamps[max(index - 1, 0) : index + 1]
+        stamps = self._ordered()
+        index = bisect_left(stamps, stamp_ns)
+        neighbours = stamps[max(index - 1, 0) : index + 1]
         nearest = min(neighbours, key=lambda stamp: abs(stamp - stamp_ns))
         position: np.ndarray = self._poses[nearest][:3, 3]
         return position
+
+    def _ordered(self) -> list[int]:
+        """Sort the stamps if some came late: to insert each in its place would take the square of their number."""
+        if not self._is_sorted:
+            self._stamps.sort()
+            self._is_sorted = True
+        return self._stamps
 
     def tum(self) -> str:
         """Format the poses, one per line (see `tum_text`); estimated ones follow a comment that says so."""
@@ -130,18 +148,21 @@ def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:
     topics = bag.of_types(TRANSFORMS)
     for edge, T in _read_transforms(bag, [topic for topic in topics if topic.name == TF_STATIC]):
         tree.add(edge, T)
+        check_count(len(tree.edges), TF_STATIC)
     for topic in topics:
         if topic.name == TF_STATIC:
             continue
-        poses_by_edge: dict[Edge, list[Pose]] = {}
+        first, moved = dict[Edge, Pose](), set[Edge]()
         for start_ns, stop_ns in _places(bag, topic):
             for edge, T in _read_transforms(bag, [topic], start_ns, stop_ns):
-                poses_by_edge.setdefault(edge, []).append(T)
-        for (parent, child), poses in poses_by_edge.items():
-            if any(np.abs(T - poses[0]).max() > SAME for T in poses):
-                moving.append(MotionSource(topic, child, parent))
-            elif (parent, child) not in tree.edges:
-                tree.add((parent, child), poses[0])
+                if np.abs(T - first.setdefault(edge, T)).max() > SAME:
+                    moved.add(edge)
+                check_count(len(first), topic.name)
+        for edge, T in first.items():
+            if edge in moved:
+                moving.append(MotionSource(topic, edge[1], edge[0]))
+            elif edge not in tree.edges:
+                tree.add(edge, T)
     return tree, moving
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.config.directions import CameraFrame
+from semcal_cli.config.file_limits import MAX_TRANSFORMS
 from semcal_cli.errors import InputError, listed
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.formats.frame_names import OPTICAL_WORDS, T_BODY_OPTICAL, has_word
@@ -129,6 +130,16 @@ def _doubts(camera: str, T_camera_lidar: Pose) -> list[str]:
         f"forward), the camera looks {where} along the LiDAR's z axis. --frame body converts the reference, and "
         "--frame optical keeps it"
     ]
+
+
+def check_count(num_edges: int, topic: str) -> None:
+    """Check the number of pairs of frames with a transform in a topic.
+
+    Raises:
+        InputError: there are too many.
+    """
+    if num_edges > MAX_TRANSFORMS:
+        raise InputError(f"{topic}: found more than {MAX_TRANSFORMS:,} pairs of frames, needed fewer")
 
 
 def read_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:

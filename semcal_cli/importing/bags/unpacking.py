@@ -3,14 +3,47 @@
 from __future__ import annotations
 
 from bz2 import BZ2Decompressor
+from pathlib import Path
 
 from lz4.frame import LZ4FrameDecompressor
 from zstandard import CONTENTSIZE_UNKNOWN, ZstdDecompressor, ZstdError, get_frame_parameters
 
-MAX_UNPACKED_BYTES = 1 << 28
-"""Largest size of a chunk or of a message, unpacked; recorders write chunks of some megabytes."""
+from semcal_cli.config.file_limits import (
+    MAX_READ_RATIO,
+    MAX_UNPACKED_BYTES,
+    MIN_READ_BYTES,
+    MIN_READ_RECORDS,
+)
+from semcal_cli.errors import InputError
+
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """First bytes of data compressed by Zstandard."""
+
+
+class Meter:
+    """Counts what is read of a file of a recording in all, so that a small file cannot be read for ever."""
+
+    def __init__(self, path: Path, num_bytes: int) -> None:
+        """Start at nothing, for a file of so many bytes."""
+        self._path, self._bytes, self._records = path, 0, 0
+        self._max_bytes = max(MAX_READ_RATIO * num_bytes, MIN_READ_BYTES)
+        self._max_records = max(num_bytes // 4, MIN_READ_RECORDS)
+
+    def add(self, num_bytes: int, num_records: int = 1) -> None:
+        """Count bytes and records that are read.
+
+        Raises:
+            InputError: they are too many for the file.
+        """
+        self._bytes += num_bytes
+        self._records += num_records
+        if self._bytes > self._max_bytes:
+            raise self._error(f"data that unpack to more than {self._max_bytes:,} bytes")
+        if self._records > self._max_records:
+            raise self._error(f"more than {self._max_records:,} records")
+
+    def _error(self, found: str) -> InputError:
+        return InputError(f"{self._path}: found {found}, needed fewer in a recording of this size")
 
 
 def unpack(compression: str, packed: bytes, max_bytes: int = MAX_UNPACKED_BYTES) -> bytes:

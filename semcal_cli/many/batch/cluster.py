@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from semcal_cli.errors import InputError, check_installed
+from semcal_cli.errors import InputError, check_installed, reason
 from semcal_cli.many.batch.processes import Worker
 from semcal_cli.many.batch.run import Execute, Run, execute_task
 from semcal_cli.many.batch.tasks import Outcome, Task, failed_outcome
@@ -33,11 +37,13 @@ def connect(address: str) -> Client:
     check_installed(f"--dask {address}", "distributed", "dask")
     from distributed import Client
 
+    # What it would log of a lost scheduler, with tracebacks, is said in one line.
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         return Client(address, timeout=CONNECT_S)
-    except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"--dask {address}: found no scheduler: {reason}") from None
+    except Exception as error:  # What it raises depends on the address, TLS and the version of the library.
+        raise InputError(f"--dask {address}: found no scheduler: {reason(error)}") from None
 
 
 def execute_on(client: Client, folder: Path, run: Run) -> Execute:
@@ -63,24 +69,42 @@ def on_cluster(
 ) -> Generator[tuple[Item, Callable[[], Answer]], None, None]:
     """Work on items on a cluster, and yield each when it is done, with a function that returns what the work returned.
 
-    That function raises whatever the work raised, or `LostWorkerError`.
+    That function raises whatever the work raised, `LostWorkerError`, or `InputError` if the scheduler is lost or a
+    worker cannot load semcal.
+
+    Raises:
+        InputError: the scheduler is lost.
     """
     from distributed import KilledWorker, as_completed
 
-    items_by_future = {client.submit(work, item, pure=False): item for item in items}
+    scheduler: Any = client.scheduler
+    address = scheduler.address
+    lost = InputError(
+        f"--dask {address}: lost the scheduler; what is finished is kept, and the same command goes on"
+    )
 
     def get(done: Future[Answer]) -> Answer:
         try:
             answer: Answer = done.result()
         except KilledWorker:
             raise LostWorkerError("its worker was lost repeatedly") from None
+        except CancelledError:
+            raise lost from None
+        except (ImportError, AttributeError) as error:
+            needed = f"needed semcal {version('semcal')} for all workers"
+            raise InputError(f"--dask {address}: a worker found {reason(error)}, {needed}") from None
         return answer
 
+    items_by_future: dict[Future[Answer], Item] = {}
     try:
+        items_by_future |= {client.submit(work, item, pure=False): item for item in items}
         for done in as_completed(items_by_future):
             yield items_by_future[done], partial(get, done)
+    except (OSError, CancelledError):
+        raise lost from None
     finally:
-        client.cancel(list(items_by_future))
+        with suppress(OSError, CancelledError):
+            client.cancel(list(items_by_future))
 
 
 def worker_of_thread() -> Worker:

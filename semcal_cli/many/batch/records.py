@@ -24,11 +24,11 @@ from typing import TypeAlias
 import numpy as np
 from pydantic import JsonValue, TypeAdapter
 
+from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import (
     FILE,
-    MAX_DOCUMENT_BYTES,
     check_own_file,
     hash_file,
     kind_of,

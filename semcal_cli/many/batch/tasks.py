@@ -12,10 +12,11 @@ from typing import Annotated, Any, Literal, TextIO, TypeAlias
 from pydantic import Field, model_validator
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Stamp, drive_file, first_stamp, read_drive
 from semcal_cli.errors import InputError, printable
 from semcal_cli.files.documents import read_document
-from semcal_cli.files.input_files import MAX_DOCUMENT_BYTES, is_folder, read_start
+from semcal_cli.files.input_files import is_folder, read_start
 from semcal_cli.files.validation import Figure, FileName, RigidTransform, StrictModel, length, validate
 from semcal_cli.result.calibration_document import Topic, read_calibration
 from semcal_cli.result.provenance import camera_hash

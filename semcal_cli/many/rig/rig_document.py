@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.file_limits import MAX_CAMERAS
 from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import InputError, describe, mismatch, one_of
 from semcal_cli.files.documents import read_document
@@ -36,7 +37,7 @@ class Rig(StrictModel):
 
     semcal_rig: Version
     """Version of this format."""
-    cameras: Annotated[dict[str, FileName], Field(min_length=2)]
+    cameras: Annotated[dict[str, FileName], Field(min_length=2, max_length=MAX_CAMERAS)]
     """Drive of each camera: its folder or its file, relative to the rig.yaml."""
     T_camera_camera: dict[str, dict[str, StatedTransform]] = {}
     """Reference transforms between cameras, for comparison only. The entry b under a is T_a_b in metres, with

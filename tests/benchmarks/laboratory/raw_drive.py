@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.drive.document import DRIVE_FILE, Drive, Frame
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import write_image
-from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_bytes
+from semcal_cli.files.input_files import read_bytes
 from semcal_cli.files.output_files import write_bytes, write_text
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
