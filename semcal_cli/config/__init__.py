@@ -170,10 +170,10 @@ class ExactConfig:
 
 @dataclass(frozen=True)
 class ContrastConfig:
-    """How starts are drawn, and coarse levels ascended, by contrast: the mean level of the pixels under points of some
-    classes, less that under points of class 0.
+    """How starts are chosen, and coarse levels ascended, by contrast.
 
-    Pixels are levels in ascending order, and points of the other classes belong on higher ones than those of class 0.
+    Pixels are levels in ascending order. Contrast is their mean under points of some classes, less that under points of
+    class 0, which belong on lower levels.
     """
 
     class_weights: dict[str, float]
