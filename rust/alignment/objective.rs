@@ -133,9 +133,14 @@ mod tests {
     fn gradients_are_those_of_finite_differences() {
         const STEP: f64 = 1e-6;
         let pose = se3::exp(&Vector6::new(0.01, -0.02, 0.01, 0.004, 0.003, -0.006));
+        // Plain points lie on level 1 here, and those of class 1 below them: the signs of the classes differ.
+        let mut observations = (*scene(0.3)).clone();
+        let classes = Arc::make_mut(&mut observations.frames[0].point_classes);
+        classes.iter_mut().for_each(|class| *class = [1, 0, 2][usize::from(*class)]);
+        let observations = Arc::new(observations);
         for objective in [Objective::SignedInformation, Objective::Contrast(vec![0.0, 1.0, 3.0])] {
             let is_signed = objective == Objective::SignedInformation;
-            let level = Level { objective, ..Level::new(Arc::clone(&scene(0.3)), &[], 4, usize::MAX) };
+            let level = Level { objective, ..Level::new(Arc::clone(&observations), &[], 4, usize::MAX) };
             let mut samples = level.samples(&pose, Counted::All);
             let at = level.projection(&pose);
             // Points that cross the middle of a block within the step are left out: the slope jumps there.
@@ -146,7 +151,6 @@ mod tests {
             });
             let (joint, gradient) = level.joint_and_gradient(&samples, &level.empty_joint(), &at);
             if is_signed {
-                // A sign differs, so that the marginals do not cancel.
                 assert!((level.score(&joint) - joint.mutual_information()).abs() > 1e-3);
             }
             for axis in 0..6 {
