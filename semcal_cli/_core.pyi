@@ -438,8 +438,9 @@ class Aligned:
 
     T_camera_lidar: _Float64
     """(4, 4)."""
-    mutual_information: float
-    """Mutual information at the end, less its bias, nats; for segments adjusted, a share."""
+    value: float
+    """The objective at the end: mutual information less its bias, nats (adjusted for segments, a share); signed
+    information, nats; or contrast, levels."""
     num_points: int
     """Number of labelled points on labelled blocks at the end."""
     drift: float
@@ -750,8 +751,15 @@ def align(
     factor: int,
     visible_only: bool,
     seed: int,
+    is_signed: bool = False,
+    contrast_weights: Sequence[float] | None = None,
 ) -> list[Aligned]:
-    """Ascend from each pose as `ascend` does, and evaluate each end for comparison."""
+    """Ascend from each pose as `ascend` does, and evaluate each end for comparison.
+
+    With a sign, the information of a class of points counts negatively where its mean level is below that of class 0.
+    With a weight for each class of points, contrast is ascended: the mean level under points of the other classes less
+    that under points of class 0.
+    """
 
 def polish(
     observations: Observations,

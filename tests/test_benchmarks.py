@@ -40,6 +40,7 @@ RUNS = {
     "bootstrap.py --pool POOL --seeds 1 --resamples 2 --pairs 1 --pairs 2 --frames 2 --width 320": 2,
     "closure.py DATA --only jam --halvings 1": 2,
     "clocks.py DATA --starts 1 --only 'nuScenes back left'": 1,
+    "contrast.py DATA --starts 1 --poses 2 --only '360 street'": 1,
     "cues.py --seeds 1 --frames 2 --width 160": 5,
     "features.py --seeds 1 --frames 1 --width 128": 1,
     "fleet.py --fleets 1": 15,

@@ -14,6 +14,7 @@ from conftest import FINE_STREET, make_pose, without
 from semcal_cli import core
 from semcal_cli.checks.cues_disagree import check_coarse_cue
 from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
+from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.refine.polish import newton
@@ -24,9 +25,16 @@ from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import choose_cues
-from semcal_cli.observations.cues.edges import EDGES, NO_EDGE, STARTS, edges_of_sweeps, observe_edges
+from semcal_cli.observations.cues.edges import (
+    EDGES,
+    NO_EDGE,
+    STARTS,
+    STARTS_ALONE,
+    edges_of_sweeps,
+    observe_edges,
+)
 from semcal_cli.observations.loading import load
-from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.observations.observations import NO_CLASS, LabelledImage, Observations
 from semcal_cli.observations.reading import read_clouds
 from semcal_cli.pipeline import calibrate, initialize
 
@@ -132,7 +140,36 @@ def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_t
     least = newton(seen, street_truth, PolishConfig()).T_camera_lidar
     config = replace(ExactConfig(), steps=0)
     found, finished = core.align(seen.core, [T, least], config, factor=1, visible_only=True, seed=0)
-    assert found.mutual_information >= finished.mutual_information - 1e-9
+    assert found.value >= finished.value - 1e-9
+
+
+def test_edges_on_weak_gradients_lead_a_search_by_information_away_and_not_one_by_contrast(
+    seen: Observations, street_truth: Pose
+) -> None:
+    elsewhere = make_pose((0.0, 0.05, 0.0), (0.0, 0.0, 0.0)) @ street_truth
+    rng = np.random.default_rng(0)
+    images = []
+    for cloud, image in zip(seen.clouds, seen.images, strict=True):
+        levels = rng.integers(2, 6, image.classes.shape, dtype=np.uint8)
+        edges = cloud.points[(cloud.classes != NO_CLASS) & (cloud.classes > 3)]
+        # Steps in range lie on strong gradients from the right pose, and on far weaker ones from a wrong one.
+        for T_camera_lidar, level in ((street_truth, 6), (elsewhere, 0)):
+            projected = core.project_points(core_camera(seen.camera), edges, T_camera_lidar)
+            u, v = projected.pixels[np.isfinite(projected.ranges)].astype(int).T
+            on_edges = np.zeros_like(levels)
+            on_edges[v, u] = 1
+            levels[cv2.dilate(on_edges, np.ones((3, 3))) > 0] = level
+        images.append(LabelledImage(levels, core.ClassShares.certain(levels.ravel())))
+    painted = seen.with_images(images)
+    assert information(painted, elsewhere) > information(painted, street_truth)
+    start = make_pose((0.0, 0.02, 0.0), (0.05, 0.0, 0.05)) @ street_truth
+    ends = [
+        SeveralStarts(painted, ExactConfig(), 0, starts).coarse_maximum(start)
+        for starts in (STARTS, STARTS_ALONE)
+    ]
+    by_information, by_contrast = (compare_poses(end, street_truth).rotation_deg for end in ends)
+    assert by_contrast < 0.5
+    assert by_information > 2.0
 
 
 @pytest.mark.parametrize(

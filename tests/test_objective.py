@@ -36,7 +36,7 @@ def test_the_value_is_that_of_the_core(fine_street: Path, street_truth: Pose) ->
         observations.without_edge_band.core, [street_truth], config, factor=1, visible_only=False, seed=0
     )
     # The core's has its bias taken off.
-    assert value.item() == pytest.approx(there.mutual_information, abs=2e-3)
+    assert value.item() == pytest.approx(there.value, abs=2e-3)
     assert objective.anchor(torch.from_numpy(street_truth)) == pytest.approx(there.num_points, rel=1e-3)
 
 

@@ -257,6 +257,9 @@ STARTED, UNSURE = replace(GOOD, starts=(8, 4)), replace(GOOD, is_coarse=1)
 WEIGHTLESS, SCENELESS = replace(GOOD, weight_beside_local=0), replace(GOOD, min_scenes=2.5)
 LOST = replace(GOOD, can_find_mounting=False, finds_mounting_alone=True)
 PARTED = replace(GOOD, has_partitions=True)
+SEVERAL = find_cue("edges").starts_alone
+CONTRASTED = replace(GOOD, starts=SEVERAL)
+FLAT = replace(GOOD, starts=find_cue("edges").starts, starts_alone=SEVERAL)
 
 ONLY_READ = Format("x", "", lambda source: False, lambda source, options: None)
 WORDS = replace(ONLY_READ, make=lambda T, options: "words")
@@ -271,7 +274,7 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "w-2.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: w\nVersion: 2.0\n")
     groups = {
         "datasets": "failing leaving nothing no_frames array text conversion no_cloud remark late",
-        "cues": "FEWER WIDE MISNAMED STARTED UNSURE WEIGHTLESS SCENELESS LOST PARTED",
+        "cues": "FEWER WIDE MISNAMED STARTED UNSURE WEIGHTLESS SCENELESS LOST PARTED CONTRASTED FLAT",
         "formats": "ONLY_READ WORDS",
     }
     lines = [
@@ -366,6 +369,11 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
         (
             "PARTED",
             "ValueError: has_partitions: found False in what it observes, needed True, as the cue states",
+        ),
+        ("CONTRASTED", "ValueError: starts: found a contrast, needed none: it is for starts_alone"),
+        (
+            "FLAT",
+            "ValueError: starts_alone.contrast: found weights of range step 1, range step 2, range step 3, needed any",
         ),
     ],
 )

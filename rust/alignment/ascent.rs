@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::level::Level;
+use super::objective::Objective;
 use super::sample::Counted;
 use super::selection::in_view;
 use super::variables::within_baseline;
@@ -54,23 +55,24 @@ pub fn ascend(
     level.ascend(start, counted, config, seed)
 }
 
-/// Ascends from each of the poses. Returns each end with the number of points there and their mutual information
-/// with the blocks, nats, less its bias.
+/// Ascends an objective from each of the poses. Returns each end with the number of points there and the value of
+/// the objective.
 pub fn align(
     observations: &Arc<Observations>,
     starts: &[Isometry3<f64>],
     factor: usize,
     counted: Counted,
+    objective: Objective,
     config: &AlignmentConfig,
     seed: u64,
 ) -> Vec<(Ascended, f64)> {
     let level = Level::new(in_view(observations, starts), starts, factor, config.max_points);
+    let level = Level { objective, ..level };
     let align = |start| {
         let end = level.ascend(start, counted, config, seed);
         let samples = level.samples(&end.pose, counted);
         let joint = level.joint(&samples, &level.projection(&end.pose));
-        let information = level.information(&joint) - level.bias(&joint);
-        (Ascended { num_points: samples.len(), ..end }, information)
+        (Ascended { num_points: samples.len(), ..end }, level.score(&joint))
     };
     starts.par_iter().map(align).collect()
 }
@@ -85,6 +87,9 @@ impl Level {
     ) -> Ascended {
         let max_baseline_m = self.observations.max_baseline_m;
         let mut pose = within_baseline(start, max_baseline_m);
+        if config.steps == 0 {
+            return Ascended { pose, drift: 0.0, num_points: 0 };
+        }
         let mut samples = self.samples(&pose, counted);
         let num_points = samples.len();
         if num_points < MIN_POINTS {
@@ -156,7 +161,10 @@ mod tests {
         let mut observations = (*scene(0.0)).clone();
         observations.max_baseline_m = 0.1;
         let start = Isometry3::translation(0.3, 0.0, 0.0);
-        let pose = align(&Arc::new(observations), &[start], 4, Counted::All, &CONFIG, 0)[0].0.pose;
+        let pose =
+            align(&Arc::new(observations), &[start], 4, Counted::All, Objective::Information, &CONFIG, 0)[0]
+                .0
+                .pose;
         assert!(pose.translation.vector.norm() <= 0.1 + 1e-12);
     }
 }

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
 use super::adjusted::adjusted;
+use super::objective::{Objective, contrast, signed};
 use super::projection::Projection;
 use super::sample::{Mixed, Sample, Weights};
 use crate::classes::NO_CLASS;
@@ -33,6 +34,7 @@ pub struct Level {
     pub(super) factor: usize,
     /// Stride between the points used.
     pub(super) stride: usize,
+    pub(super) objective: Objective,
 }
 
 impl Level {
@@ -51,7 +53,7 @@ impl Level {
         let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
         let num_seen = || poses.par_iter().map(|pose| num_in_image(&observations, pose)).max().unwrap_or(0);
         let stride = if num_points <= max_points { 1 } else { stride(num_seen(), max_points) };
-        Self { observations, maps, factor, stride }
+        Self { observations, maps, factor, stride, objective: Objective::Information }
     }
 
     /// Returns the projection of the points at a pose.
@@ -124,9 +126,21 @@ impl Level {
 
     /// Mutual information of a joint histogram, nats; adjusted if there are partitions.
     pub fn information(&self, joint: &JointHistogram) -> f64 {
+        if self.observations.has_partitions() { self.mean_value(joint) } else { joint.mutual_information() }
+    }
+
+    /// The objective of a joint histogram: the mutual information less its bias, or what has a sign.
+    pub fn score(&self, joint: &JointHistogram) -> f64 {
+        match &self.objective {
+            Objective::Information => self.information(joint) - self.bias(joint),
+            Objective::SignedInformation | Objective::Contrast(_) => self.mean_value(joint),
+        }
+    }
+
+    fn mean_value(&self, joint: &JointHistogram) -> f64 {
         let total = self.total(joint);
-        if !self.observations.has_partitions() || total <= 0.0 {
-            return joint.mutual_information();
+        if total <= 0.0 {
+            return 0.0;
         }
         let values = self.values_at_least(joint, 0.0);
         let pairs = joint.weights.iter().zip(&values.table);
@@ -143,16 +157,20 @@ impl Level {
         joint.total() - self.observations.partition_rows().map(of_nulls).sum::<f64>()
     }
 
-    /// Contribution of each pair to the information, finite even for pairs that were never seen.
+    /// Contribution of each pair to the objective, finite even for pairs that were never seen.
     pub(super) fn values(&self, joint: &JointHistogram) -> PairValues<'_> {
         self.values_at_least(joint, MIN_WEIGHT)
     }
 
     fn values_at_least(&self, joint: &JointHistogram, floor: f64) -> PairValues<'_> {
-        let table = if self.observations.has_partitions() {
-            adjusted(joint, &self.observations, floor)
-        } else {
-            joint.pointwise_at_least(floor)
+        let num_levels = self.observations.num_image_classes;
+        let table = match &self.objective {
+            Objective::Information if self.observations.has_partitions() => {
+                adjusted(joint, &self.observations, floor)
+            }
+            Objective::Information => joint.pointwise_at_least(floor),
+            Objective::SignedInformation => signed(joint, num_levels, joint.pointwise_at_least(floor)),
+            Objective::Contrast(weights) => contrast(joint, num_levels, weights),
         };
         PairValues { observations: &self.observations, table }
     }

@@ -13,8 +13,8 @@ use crate::agreement::{
     HeldOut, InformationGain, held_out_gain as measure_gain, measure as measure_agreement,
 };
 use crate::alignment::{
-    self, AlignmentConfig, Ascended, AscentConfig, Counted, JointMaximum, Line, MAX_VARIABLES, Sensitivity,
-    SensitivityConfig, Variables,
+    self, AlignmentConfig, Ascended, AscentConfig, Counted, JointMaximum, Line, MAX_VARIABLES, Objective,
+    Sensitivity, SensitivityConfig, Variables,
 };
 use crate::observation::Observations;
 
@@ -115,7 +115,7 @@ pub(super) struct PyAscended {
 pub(super) struct PyAligned {
     #[pyo3(name = "T_camera_lidar")]
     t_camera_lidar: Pose,
-    mutual_information: f64,
+    value: f64,
     num_points: usize,
     drift: f64,
 }
@@ -184,7 +184,8 @@ pub(super) fn ascend(
 }
 
 #[pyfunction]
-#[pyo3(signature = (observations, poses, config, *, factor, visible_only, seed))]
+#[pyo3(signature = (observations, poses, config, *, factor, visible_only, seed, is_signed=false, contrast_weights=None))]
+#[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(super) fn align(
     observations: &PyObservations,
     poses: Vec<Pose>,
@@ -192,17 +193,42 @@ pub(super) fn align(
     factor: usize,
     visible_only: bool,
     seed: u64,
+    is_signed: bool,
+    contrast_weights: Option<Vec<f64>>,
 ) -> PyResult<Vec<PyAligned>> {
     check_factor(factor, &observations.0.camera)?;
+    let objective = match contrast_weights {
+        Some(weights) => Objective::Contrast(weights),
+        None if is_signed => Objective::SignedInformation,
+        None => Objective::Information,
+    };
+    check_objective(&objective, &observations.0)?;
     let (starts, counted): (Vec<_>, _) = (poses.iter().map(|pose| pose.0).collect(), counted(visible_only));
-    let ends = detached(|| alignment::align(&observations.0, &starts, factor, counted, &config, seed));
-    let aligned = |(Ascended { pose, drift, num_points }, mutual_information)| PyAligned {
+    let ends =
+        detached(|| alignment::align(&observations.0, &starts, factor, counted, objective, &config, seed));
+    let aligned = |(Ascended { pose, drift, num_points }, value)| PyAligned {
         t_camera_lidar: Pose(pose),
-        mutual_information,
+        value,
         num_points,
         drift,
     };
     Ok(ends.into_iter().map(aligned).collect())
+}
+
+/// Checks that points have classes, and a weight for each where there is a contrast.
+fn check_objective(objective: &Objective, observations: &Observations) -> PyResult<()> {
+    if *objective != Objective::Information && observations.has_partitions() {
+        return Err(value_error("found points with partitions, needed classes for an objective with a sign"));
+    }
+    match objective {
+        Objective::Contrast(weights) if weights.len() != observations.num_point_classes => {
+            let (found, needed) = (weights.len(), observations.num_point_classes);
+            Err(value_error(format!(
+                "found {found} weights, needed one for each of {needed} classes of points"
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 #[pyfunction]

@@ -116,7 +116,7 @@ def _maxima(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose
     for factor in (coarsest, max(coarsest // FINER, 1)):
         ends = core.align(few.core, poses, config, factor=factor, visible_only=True, seed=0)
         far, near = list[Pose](), list[Pose]()
-        for end in sorted(ends, key=lambda end: -end.mutual_information):
+        for end in sorted(ends, key=lambda end: -end.value):
             away = compare_poses(end.T_camera_lidar, T_camera_lidar)
             # A rival is farther away than a trusted pose may be uncertain.
             is_far = away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_m > MAX_HALF_WIDTH_M

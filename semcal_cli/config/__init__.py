@@ -169,6 +169,25 @@ class ExactConfig:
 
 
 @dataclass(frozen=True)
+class ContrastConfig:
+    """How starts are chosen, and coarse levels ascended, by contrast.
+
+    Pixels are levels in ascending order. Contrast is their mean under points of some classes, less that under points of
+    class 0, which belong on lower levels.
+    """
+
+    class_weights: dict[str, float]
+    """Weight of the points of each class, by its name; others do not count."""
+    num_draws: int
+    """Number of poses drawn around the given one, of which the best become starts."""
+    max_points: int
+    """Number of points in the images that is enough to compare drawn poses, over all frames."""
+    distance_weight: float
+    """Levels of contrast that a pose at the distance of the farthest draws loses, and four times as many at twice that
+    distance."""
+
+
+@dataclass(frozen=True)
 class StartsConfig:
     """How many poses around a given one the ascents start from, and how far away, for objectives with many maxima."""
 
@@ -191,6 +210,8 @@ class StartsConfig:
     coarse: ExactConfig | None = None
     """Steps and points of all levels but the finest, which only have to separate the maxima; None uses those of the
     finest."""
+    contrast: ContrastConfig | None = None
+    """How starts are chosen and coarse levels ascended by contrast; None if information leads there."""
 
 
 @dataclass(frozen=True)

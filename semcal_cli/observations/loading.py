@@ -189,6 +189,7 @@ def load(
     on_event(Progress(f"reading {len(used.frames)} frames"))
     policy = policy_of(cues)
     observations = load_cues(used, policy.refined, sweeps, is_raw=config.is_raw).with_scenes
+    observations = replace(observations, starts=policy.starts)
     coarse_cue = load_cues(used, policy.coarse, sweeps) if policy.coarse else None
     data = LoadedDrive(used, observations, cues, coarse_cue, config.max_frames, recorded=whole)
     data = data.with_settings(config.refinement)

@@ -301,7 +301,9 @@ def refine(
     """
     observations = data.observations
     pyramid = PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
-    if (starts := observations.starts) is not None:
+    # A single ascent, as MINE's, needs blocks as coarse as beside other cues.
+    starts = observations.starts if config.estimator == "exact" else data.policy.starts_together
+    if starts is not None:
         pyramid = pyramid_of(starts)
 
     def on_level(level: Level, num_levels: int) -> None:

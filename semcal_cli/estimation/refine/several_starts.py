@@ -36,6 +36,9 @@ class SeveralStarts:
 
     The given poses that are near the first remain candidates: they join again from blocks of `JOINING` pixels on. At
     the finest level the best poses and the given ones are polished, so that no given pose is better than the result.
+
+    If the starts have a contrast, it chooses them among many more poses, and coarse levels ascend it. At the finest
+    level, the information of a class of points counts negatively where its pixels have lower levels than plain points.
     """
 
     def __init__(
@@ -68,7 +71,7 @@ class SeveralStarts:
         if self.poses:
             self.poses[0] = T_start  # The best pose, moved to where priors allow it.
         else:
-            self._spread_around(T_start)
+            self._spread_around(T_start, factor)
             if starts.first_frames is not None and observations.num_cues == 1:
                 observations = few_frames(observations, starts.first_frames)
         self.poses = self.poses[: starts.num_starts[min(self._num_levels, len(starts.num_starts) - 1)]]
@@ -87,17 +90,22 @@ class SeveralStarts:
         best, *_ = self._polished(visible_only=visible_only) if factor == 1 else near
         return Level(factor, best.T_camera_lidar, near[0].drift, best.num_points)
 
-    def _spread_around(self, T_start: Pose) -> None:
+    def _spread_around(self, T_start: Pose, factor: int) -> None:
         """Choose the starts of the first level around a pose (4, 4), and keep the given poses near it."""
         starts, rng = self.starts, np.random.default_rng(self.seed)
         self.given = [T_start, *self.given]
         self.given = [pose for pose in self.given if self._is_near(pose)]
+        num_others = starts.num_starts[0] - 1
+        num_drawn = num_others if starts.contrast is None else starts.contrast.num_draws
         distances = zip(
-            np.linspace(*starts.spread_deg, starts.num_starts[0] - 1),
-            np.linspace(*starts.spread_m, starts.num_starts[0] - 1),
-            strict=True,
+            np.linspace(*starts.spread_deg, num_drawn), np.linspace(*starts.spread_m, num_drawn), strict=True
         )
-        self.poses = [T_start, *(displace(T_start, *distance, rng) for distance in distances)]
+        drawn = [displace(T_start, *distance, rng) for distance in distances]
+        if starts.contrast is not None:
+            config = replace(self.config, steps=0, max_points=starts.contrast.max_points)
+            compared = self._align(self.observations, drawn, factor, visible_only=False, config=config)
+            drawn = [end.T_camera_lidar for end in compared]
+        self.poses = [T_start, *drawn[:num_others]]
 
     def coarse_maximum(self, T_start: Pose) -> Pose:
         """Ascend from several starts around a pose (4, 4) on coarse blocks only, which is fast."""
@@ -113,28 +121,48 @@ class SeveralStarts:
         factor: int,
         *,
         visible_only: bool,
-        steps: int = -1,
+        config: ExactConfig | None = None,
     ) -> list[core.Aligned]:
-        """Ascend from poses (4, 4) and sort the ends, best first; with zero steps the poses are only compared."""
-        config = self.config
-        if factor > 1 and self.starts.coarse is not None:
-            config = self.starts.coarse
-        if steps >= 0:
-            config = replace(config, steps=steps)
+        """Ascend from poses (4, 4) and sort the ends, best first; with zero steps the poses are only compared.
+
+        Coarse blocks are ascended by contrast if the starts have one, and far ends then lose some of it.
+        """
+        if config is None:
+            config = self.config if factor == 1 else self.starts.coarse or self.config
+        contrast, weights, distance_weight = self.starts.contrast, None, 0.0
+        if contrast is not None and factor > 1:
+            weights = [contrast.class_weights.get(name, 0.0) for name in observations.point_class_names]
+            distance_weight = contrast.distance_weight
         ends = core.align(
-            observations.core, poses, config, factor=factor, visible_only=visible_only, seed=self.seed
+            observations.core,
+            poses,
+            config,
+            factor=factor,
+            visible_only=visible_only,
+            seed=self.seed,
+            is_signed=contrast is not None,
+            contrast_weights=weights,
         )
-        return sorted(ends, key=lambda end: -end.mutual_information)
+
+        def loss(end: core.Aligned) -> float:
+            away, starts = compare_poses(end.T_camera_lidar, self.given[0]), self.starts
+            turned = away.rotation_deg / starts.spread_deg[1]
+            moved = away.camera_center_m / starts.spread_m[1]
+            return distance_weight * (turned**2 + moved**2) - end.value
+
+        return sorted(ends, key=loss)
 
     def _polished(self, *, visible_only: bool) -> list[core.Aligned]:
         """Polish the best ends and the given poses near a maximum, and sort the result, the chosen pose first.
 
         The chosen pose is the nearest to the start among those that are not significantly worse than the best, and no
-        worse than any given pose.
+        worse than any given pose. Where information has a sign, it also needs half of that of the best.
         """
 
         def compared(poses: Sequence[Pose]) -> list[core.Aligned]:
-            return self._align(self.observations, poses, 1, visible_only=visible_only, steps=0)
+            return self._align(
+                self.observations, poses, 1, visible_only=visible_only, config=replace(self.config, steps=0)
+            )
 
         def polished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
             poses = [
@@ -144,22 +172,25 @@ class SeveralStarts:
             return compared(near) if near else []
 
         def near_a_maximum(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
-            return [end for end in ends if end.mutual_information >= NEAR_A_MAXIMUM * highest]
+            return [end for end in ends if end.value >= NEAR_A_MAXIMUM * highest]
 
         ends, candidates = compared(self.poses), compared(self.given)
-        highest = ends[0].mutual_information
+        highest = ends[0].value
         ends = near_a_maximum(ends)[:NUM_POLISHED]
         of_candidates = [*candidates, *polished(near_a_maximum(candidates))]
-        needed = max(end.mutual_information for end in of_candidates)
-        ranked = sorted([*polished(ends), *ends, *of_candidates], key=lambda end: -end.mutual_information)
-        best, *others = [maximum for maximum in _distinct(ranked) if maximum.mutual_information >= needed]
+        needed = max(end.value for end in of_candidates)
+        ranked = sorted([*polished(ends), *ends, *of_candidates], key=lambda end: -end.value)
+        best, *others = [maximum for maximum in _distinct(ranked) if maximum.value >= needed]
         gains = core.information_gains(
             self.observations.core,
             best.T_camera_lidar,
             [other.T_camera_lidar for other in others],
         )
+        lowest = -np.inf if self.starts.contrast is None else NEAR_A_MAXIMUM * best.value
         as_good = [
-            other for other, gain in zip(others, gains, strict=True) if -gain.gain < TIED_SIGMAS * gain.sigma
+            other
+            for other, gain in zip(others, gains, strict=True)
+            if -gain.gain < TIED_SIGMAS * gain.sigma and other.value >= lowest
         ]
         return sorted([best, *as_good], key=lambda maximum: self._distance(maximum.T_camera_lidar))
 

@@ -218,7 +218,7 @@ def _align(
         )
         max_points = max(end.num_points for end in aligned)
         ranked = sorted(
-            (-end.mutual_information, index)
+            (-end.value, index)
             for index, end in enumerate(aligned)
             if end.num_points >= MIN_POINTS_OF_MAX * max_points
         )

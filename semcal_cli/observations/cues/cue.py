@@ -34,6 +34,9 @@ class Cue:
     """Settings of the cue, a dataclass that results record; None if there are none."""
     starts: StartsConfig | None = None
     """Starts from which a pose is refined, if the information has many maxima; None if one start is enough."""
+    starts_alone: StartsConfig | None = None
+    """Starts if the cue is compared alone, where they differ from those beside other cues. Only these may have a
+    contrast, whose classes are those of one cue."""
     can_find_mounting: bool = True
     """Whether mounting directions can be distinguished; otherwise the cue only works near the right pose."""
     finds_mounting_alone: bool = False
@@ -105,8 +108,15 @@ def checked(cue: Cue, guarded: Callable[[Observe], Observe]) -> Cue:
 
 def _check_policy(cue: Cue) -> None:
     """Check what a cue states of itself: the types of its fields, and that they do not contradict one another."""
-    if not isinstance(cue.starts, StartsConfig | None):
-        raise TypeError(f"starts: found {describe(cue.starts)}, needed a StartsConfig or None")
+    for name in ("starts", "starts_alone"):
+        if not isinstance(starts := getattr(cue, name), StartsConfig | None):
+            raise TypeError(f"{name}: found {describe(starts)}, needed a StartsConfig or None")
+    if cue.starts_alone is not None and cue.starts is None:
+        raise ValueError("starts: found None beside starts_alone, needed a StartsConfig")
+    if cue.starts is not None and cue.starts.contrast is not None:
+        raise ValueError("starts: found a contrast, needed none: it is for starts_alone")
+    if cue.has_partitions and cue.starts_alone is not None and cue.starts_alone.contrast is not None:
+        raise ValueError("starts_alone: found a contrast beside has_partitions=True, needed none")
     for name in (field.name for field in fields(cue) if isinstance(field.default, bool)):
         if not isinstance(value := getattr(cue, name), bool):
             raise TypeError(f"{name}: found {describe(value)}, needed True or False")
@@ -128,6 +138,13 @@ def _check_stated(cue: Cue, observations: Observations) -> None:
         if (observed := getattr(observations, name)) != (stated := getattr(cue, name)):
             raise ValueError(
                 f"{name}: found {observed} in what it observes, needed {stated}, as the cue states"
+            )
+    if cue.starts_alone is not None and (contrast := cue.starts_alone.contrast) is not None:
+        others = observations.point_class_names[1:]
+        if contrast.class_weights.keys().isdisjoint(others):
+            found = listed([*contrast.class_weights])
+            raise ValueError(
+                f"starts_alone.contrast: found weights of {found}, needed any of {listed(others)}"
             )
 
 

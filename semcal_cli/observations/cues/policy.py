@@ -49,9 +49,18 @@ class Policy:
 
     @property
     def starts(self) -> StartsConfig | None:
-        """The farthest starts of any cue; None if a cue needs none, since it brings the pose near on its own."""
-        starts = [cue.starts for cue in self.cues.values() if cue.starts is not None]
-        return max(starts, key=lambda start: start.farthest_deg) if len(starts) == len(self.cues) else None
+        """Starts of a cue that is compared alone, if it states them, or else `starts_together`."""
+        if len(self.cues) == 1:
+            (cue,) = self.cues.values()
+            return cue.starts_alone or cue.starts
+        return self.starts_together
+
+    @property
+    def starts_together(self) -> StartsConfig | None:
+        """The farthest starts of any cue that refines; None if one brings the pose near on its own."""
+        starts = [self.cues[name].starts for name in self.refined]
+        several = [each for each in starts if each is not None]
+        return max(several, key=lambda start: start.farthest_deg) if len(several) == len(starts) else None
 
     @property
     def can_find_mounting(self) -> bool:

@@ -35,6 +35,7 @@ CUE = Cue(
     files=("image",),
     config=None,  # there are no settings
     starts=STARTS,  # the information has many maxima
+    starts_alone=None,  # its starts are the same without other cues
     can_find_mounting=False,  # it works only near the right pose
     finds_mounting_alone=False,
     is_coarse=False,  # it refines the pose
