@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import partial
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
 from time import perf_counter
@@ -17,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from semcal_cli.config.file_limits import ANSWER_S, MAX_ANSWER_BYTES, MAX_REDIRECTS, MIN_BYTES_PER_S
 from semcal_cli.errors import mismatch
-from semcal_cli.files.documents import parse
+from semcal_cli.files.documents import parse_any
 
 COMMIT = re.compile(r"[0-9a-f]{40}")
 ETAG = re.compile(r'(?:W/)?"?([0-9a-f]{40}|[0-9a-f]{64})"?')
@@ -43,12 +44,13 @@ def read_json(url: str) -> Any:
     """Read a JSON document.
 
     Raises:
-        ValueError: the answer is too long, too slow, or no JSON.
+        ValueError: the answer is too long or too slow.
+        InputError: it is no JSON.
         Exception: errors of the library.
     """
     with closing(_follow(url)) as response:
         content = b"".join(_parts(response, MAX_ANSWER_BYTES))
-    return parse(content.decode(), "json")
+    return parse_any(content.decode(), Path("answer.json"))
 
 
 def commit_of(info: Any) -> str:
