@@ -68,7 +68,7 @@ LIES: dict[str, tuple[Lies, str]] = {
     "a body that drips": ({"body": dripping}, r"found [0-9]+ bytes in [0-9]+ s, needed 100,000 a second"),
     "a description without an end": ({"told": endless}, r"failed \(found more than 2,097,152 bytes"),
     "a description that drips": ({"told": dripping}, r"failed \(found [0-9]+ bytes in"),
-    "a description that nests": ({"told": b"[" * 100_000}, r"failed \(nested too deeply\)"),
+    "a description that nests": ({"told": b"[" * 100_000}, r"failed \(answer.json: nested too deeply\)"),
     "a description that is a list": ({"told": b"[]"}, "found the commit 'None'"),
     "files without names": ({"siblings": [{"rfilename": 5}, 7, None]}, "found no ONNX file"),
     "files above the cache": ({"siblings": [{"rfilename": f"{AWAY}.onnx"}]}, "needed hf:lab/street:FILE"),
