@@ -94,3 +94,7 @@ def test_folds_that_differ_by_chance_pass_and_others_are_said() -> None:
     assert all("3 parts of the drive differ " in finding.sentence for (finding,) in told)
     lost, findings = compare_folds(np.zeros((1, 6)), sigmas[:1], np.ones((1, 6)), 1)
     assert (lost.num_folds, lost.num_failed, lost.pulls, findings) == (2, 1, None, ())
+    exact = np.hstack([np.zeros((3, 1)), sigmas[:, 1:]])
+    known, findings = compare_folds(exact * rng.normal(size=exact.shape), exact, np.full((3, 6), 25.0))
+    assert known.pulls is not None
+    assert (known.pulls[0], findings) == (0.0, ())

@@ -35,12 +35,14 @@ FOLDS_DISAGREE = Check(
         remedy="State the motion and the times of points, or calibrate the parts alone and compare them.",
         figure=(
             "Scatter of the parts along an axis, relative to what their standard errors predict. Chance alone exceeds "
-            "the limit on one of a hundred drives."
+            "the limit on one of a hundred drives at most."
         ),
     ),
 )
 CHANCE = 0.01
-"""Probability that a drive whose intervals are right exceeds the limit of any axis."""
+"""Largest probability that a drive whose intervals are right exceeds the limit of any axis."""
+ROUNDING = 1e-9
+"""Smallest standard error that is told from rounding, metres or degrees."""
 
 
 def compare_folds(
@@ -50,7 +52,7 @@ def compare_folds(
 
     Along each axis, the poses `x_k` with standard errors `s_k` scatter about their weighted mean `m` by the root of
     `sum ((x_k - m) / s_k)^2 / (K - 1)`, the pull, which is one where these are right. Its square follows
-    Fisher's F.
+    Fisher's F; the degrees of freedom of its denominator are at least those of the part that has the fewest.
 
     Args:
         offsets: (K, 6) offset of each part's pose from that by all frames, metres and degrees.
@@ -64,8 +66,8 @@ def compare_folds(
     count = len(offsets) + num_failed
     if len(offsets) < 2:
         return CrossValidation(num_folds=count, num_failed=num_failed), ()
-    # Axes that are known exactly do not differ.
-    weights = 1.0 / np.maximum(sigmas, np.finfo(float).tiny) ** 2
+    # An axis that some part knows exactly scatters by what rounding allows.
+    weights = 1.0 / np.maximum(sigmas, ROUNDING) ** 2
     mean = (weights * offsets).sum(axis=0) / weights.sum(axis=0)
     pulls = np.sqrt((weights * (offsets - mean) ** 2).sum(axis=0) / (len(offsets) - 1))
     freedom = degrees_of_freedom.min(axis=0)
@@ -76,7 +78,7 @@ def compare_folds(
     if pulls[axis] > limits[axis]:
         pull, limit = format_against_limit(pulls[axis], limits[axis], 1)
         sentence = (
-            f"{count} parts of the drive differ {pull} times as far {CrossValidation.axis_name(axis)} as the scatter "
+            f"{len(offsets)} parts of the drive differ {pull} times as far {CrossValidation.axis_name(axis)} as the scatter "
             f"within images predicts, needed at most {limit}"
         )
         findings.append(FOLDS_DISAGREE.finding(sentence))

@@ -400,6 +400,7 @@ def cross_validate(
     A pose whose polish was rejected is not at a maximum, and is left as it is.
     """
     if stages.polished is None or stages.is_rejected:
+        on_event(StageDone("cross-validated", 0.0, "not done: the polish was rejected"))
         return stages
     start, observations = perf_counter(), stages.seen or data.observations
     on_event(Progress(f"cross-validating {config.num_folds} parts of the drive"))

@@ -53,8 +53,8 @@ class ClosedSet(NamedTuple):
     """(4, 4) published pose of its camera, metres."""
     offsets: Matrix
     """(6,) its pose from the published one, metres and degrees, along and about the camera's axes."""
-    half_widths: Matrix
-    """(6,) half widths of its 95 % intervals without the part by errors of K, which sets share, metres and degrees."""
+    sigmas: Matrix
+    """(6,) standard errors without the part by errors of K, which sets share, metres and degrees."""
     status: str
 
 
@@ -65,13 +65,14 @@ def calibrated(real: RealDrive, cue: str, seed: int) -> ClosedSet:
     start = InitialPose(displace(T, START_DEG, START_M, np.random.default_rng(seed)), "start")
     data = load(read_drive(real.path), config)
     found = calibrate(data, config, initial_pose=start)
-    widths = np.zeros(6)
+    sigmas = np.full(6, np.inf)
     if (stated := found.uncertainty) is not None:
-        squared = np.square(stated.half_widths) - np.square(stated.half_widths_of_intrinsics)
-        widths = np.sqrt(np.maximum(squared, 0.0))
+        of_K = stated.covariance_of_intrinsics or np.zeros((6, 6))
+        sigmas = np.sqrt(np.maximum(np.diag(stated.covariance) - np.diag(of_K), 0.0))
+        sigmas[3:] = np.degrees(sigmas[3:])
     camera = next(camera for name, camera in CAMERAS.items() if real.name.startswith(name))
     offsets = np.array(compare_poses(found.pose, T).offsets)
-    return ClosedSet(real.name, camera, data, found.pose, T, offsets, widths, found.status)
+    return ClosedSet(real.name, camera, data, found.pose, T, offsets, sigmas, found.status)
 
 
 def halves(of: ClosedSet, halvings: int, seed: int) -> tuple[Matrix, Matrix, int]:
@@ -131,8 +132,7 @@ def main(
         yield ""
         rows = []
         for a, b in combinations(sets, 2):
-            sigmas = np.hypot(a.half_widths, b.half_widths) / 1.96
-            pulls = np.abs(a.offsets - b.offsets) / np.maximum(sigmas, np.finfo(float).tiny)
+            pulls = np.abs(a.offsets - b.offsets) / np.hypot(a.sigmas, b.sigmas)
             within = "one camera" if a.camera == b.camera else "two cameras"
             rows.append(_row(f"{a.name} - {b.name}", (a.offsets - b.offsets).tolist(), _pulls(pulls), within))
         if rows:

@@ -172,7 +172,7 @@ class SeveralStarts:
             return compared(near) if near else []
 
         def near_a_maximum(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
-            return [end for end in ends if end.value >= NEAR_A_MAXIMUM * highest]
+            return [end for end in ends if end.value >= _near(highest)]
 
         ends, candidates = compared(self.poses), compared(self.given)
         highest = ends[0].value
@@ -186,7 +186,7 @@ class SeveralStarts:
             best.T_camera_lidar,
             [other.T_camera_lidar for other in others],
         )
-        lowest = -np.inf if self.starts.contrast is None else NEAR_A_MAXIMUM * best.value
+        lowest = -np.inf if self.starts.contrast is None else _near(best.value)
         as_good = [
             other
             for other, gain in zip(others, gains, strict=True)
@@ -206,6 +206,11 @@ class SeveralStarts:
 def pyramid_of(starts: StartsConfig) -> PyramidConfig:
     """Return the pyramid of the several starts."""
     return PyramidConfig(coarsest_block_deg=starts.coarsest_block_deg, min_blocks=starts.min_blocks)
+
+
+def _near(highest: float) -> float:
+    """Compute the least information of a pose near a maximum; that with a sign may be negative."""
+    return min(NEAR_A_MAXIMUM * highest, highest)
 
 
 def _distinct(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
