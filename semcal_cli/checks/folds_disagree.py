@@ -77,9 +77,10 @@ def compare_folds(
     findings, axis = list[Finding](), int(np.argmax(pulls / limits))
     if pulls[axis] > limits[axis]:
         pull, limit = format_against_limit(pulls[axis], limits[axis], 1)
+        axis_name = CrossValidation.axis_name(axis)
         sentence = (
-            f"{len(offsets)} parts of the drive differ {pull} times as far {CrossValidation.axis_name(axis)} as the scatter "
-            f"within images predicts, needed at most {limit}"
+            f"{len(offsets)} parts of the drive differ {pull} times as far {axis_name} as the scatter within images "
+            f"predicts, needed at most {limit}"
         )
         findings.append(FOLDS_DISAGREE.finding(sentence))
     spread, predicted = offsets.std(axis=0, ddof=1), np.sqrt((sigmas**2).mean(axis=0))
