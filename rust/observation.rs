@@ -41,7 +41,7 @@ pub struct Frame {
     pub weight: f32,
     /// Number of the scene that the frame shows, if others show it, too: they are no further evidence.
     pub scene: Option<u32>,
-    /// Class of points that only count when a pose is polished: see [`crate::alignment`].
+    /// Class of points that only count when a pose is polished: see `Level::select_for_newton`.
     pub plain_class: Option<u8>,
 }
 

@@ -260,6 +260,8 @@ PARTED = replace(GOOD, has_partitions=True)
 SEVERAL = find_cue("edges").starts_alone
 CONTRASTED = replace(GOOD, starts=SEVERAL)
 FLAT = replace(GOOD, starts=find_cue("edges").starts, starts_alone=SEVERAL)
+OF_LABELS = replace(SEVERAL.contrast, class_weights={"building": 1.0, "car": 1.0})
+PLAINLESS = replace(FLAT, starts_alone=replace(SEVERAL, contrast=OF_LABELS))
 
 ONLY_READ = Format("x", "", lambda source: False, lambda source, options: None)
 WORDS = replace(ONLY_READ, make=lambda T, options: "words")
@@ -374,6 +376,10 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
         (
             "FLAT",
             "ValueError: starts_alone.contrast: found weights of range step 1, range step 2, range step 3, needed any",
+        ),
+        (
+            "PLAINLESS",
+            "ValueError: plain_class: needed 0, the class that starts_alone.contrast compares others with",
         ),
     ],
 )
