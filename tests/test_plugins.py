@@ -276,7 +276,7 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "w-2.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: w\nVersion: 2.0\n")
     groups = {
         "datasets": "failing leaving nothing no_frames array text conversion no_cloud remark late",
-        "cues": "FEWER WIDE MISNAMED STARTED UNSURE WEIGHTLESS SCENELESS LOST PARTED CONTRASTED FLAT",
+        "cues": "FEWER WIDE MISNAMED STARTED UNSURE WEIGHTLESS SCENELESS LOST PARTED CONTRASTED FLAT PLAINLESS",
         "formats": "ONLY_READ WORDS",
     }
     lines = [

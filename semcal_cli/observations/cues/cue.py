@@ -147,7 +147,9 @@ def _check_stated(cue: Cue, observations: Observations) -> None:
                 f"starts_alone.contrast: found weights of {found}, needed any of {listed(others)}"
             )
         if any(cloud.plain_class != 0 for cloud in observations.clouds):
-            raise ValueError("plain_class: needed 0, the class that starts_alone.contrast compares others with")
+            raise ValueError(
+                "plain_class: needed 0, the class that starts_alone.contrast compares others with"
+            )
 
 
 def _check(observations: Observations, drive: Drive) -> None:
