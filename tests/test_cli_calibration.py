@@ -313,7 +313,10 @@ def test_parts_of_a_drive_differ_as_their_intervals_predict(street: Path, tmp_pa
     assert "2 parts          camera centre x y z" in err
     code, _, err = cli("calibrate", street, "--cross-validate", "9", "-o", result)
     assert code == 1
-    assert "--cross-validate: found 4 scenes, needed at least 9, one for each part" in " ".join(err.split())
+    assert (
+        "--cross-validate: found 4 scenes, needed at least 9, one for each part, of the frames that are used"
+        in " ".join(err.split())
+    )
 
 
 def test_a_long_drive_is_cut_to_the_frames_that_differ(drive: Path, tmp_path: Path, cli: Cli) -> None:

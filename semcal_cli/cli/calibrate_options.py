@@ -109,6 +109,13 @@ class CalibrateSettings(
         ).requires("--method mi"),
         given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 needs labels"),
         given("--to-direction", "--to-frame", "--to-camera", "--to-lidar").requires("--to"),
+        given("--cross-validate").excludes(
+            "--no-polish",
+            "--refine-intrinsics",
+            "--estimate-delay",
+            *PRIORS,
+            because="parts of the drive are only polished",
+        ),
         given("--to").requires("-o", where=["--json"], because="both would write to standard output"),
     ]
     drive: Path = argument(metavar="DRIVE|RECORDING|DATASET")

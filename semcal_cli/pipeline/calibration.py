@@ -262,13 +262,13 @@ def _check_folds(data: LoadedDrive, config: CalibrationConfig, priors: Sequence[
         or not _is_polished(data.observations, config.refinement)
     ):
         raise InputError(
-            "--cross-validate: needs the polish by exact mutual information, without priors and without "
-            "--refine-intrinsics or --estimate-delay"
+            "num_folds: found features, priors, intrinsics or a delay to estimate, or no polish; parts of a drive need "
+            "the polish by exact mutual information alone"
         )
     if (num_scenes := len(set(data.observations.scenes))) < config.num_folds:
         raise InputError(
             f"{data.drive.path}: --cross-validate: found {counted(num_scenes, 'scene')}, needed at least "
-            f"{config.num_folds}, one for each part"
+            f"{config.num_folds}, one for each part, of the frames that are used"
         )
 
 
@@ -400,7 +400,7 @@ def cross_validate(
     A pose whose polish was rejected is not at a maximum, and is left as it is.
     """
     if stages.polished is None or stages.is_rejected:
-        on_event(StageDone("cross-validated", 0.0, "not done: the polish was rejected"))
+        on_event(StageDone("folds", 0.0, "not done: the polish was rejected"))
         return stages
     start, observations = perf_counter(), stages.seen or data.observations
     on_event(Progress(f"cross-validating {config.num_folds} parts of the drive"))
@@ -414,5 +414,5 @@ def cross_validate(
         len(folds) - len(known),
     )
     pulls = "" if compared.pulls is None else f", pulls {' '.join(f'{pull:.2f}' for pull in compared.pulls)}"
-    on_event(StageDone("cross-validated", perf_counter() - start, f"{config.num_folds} parts{pulls}"))
+    on_event(StageDone("folds", perf_counter() - start, f"{config.num_folds} parts{pulls}"))
     return replace(stages, cross_validation=compared, of_comparison=(*stages.of_comparison, *findings))
