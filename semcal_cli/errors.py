@@ -54,6 +54,19 @@ class ChoiceError(InputError):
         self.problem, self.choices = problem, tuple(choices)
 
 
+class OccupiedError(InputError):
+    """The place of an output holds something of the user's, which only --force replaces."""
+
+    def __init__(self, problem: str) -> None:
+        """Make the error.
+
+        Args:
+            problem: What was found.
+        """
+        super().__init__(f"{problem}, needed another -o, or --force")
+        self.problem = problem
+
+
 class NoStartError(InputError):
     """The data compare points and pixels only near the right pose, and nothing says where that is."""
 

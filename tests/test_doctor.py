@@ -2,11 +2,13 @@
 
 import re
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
 from commands import invoke, unwrapped
 from documentation import ROOT
+from huggingface_hub import constants
 
 from semcal_cli.cli import doctor
 from semcal_cli.cli.doctor import EXTRAS
@@ -17,7 +19,7 @@ NOWHERE = "http://127.0.0.1:9"
 @pytest.fixture(autouse=True)
 def _without_hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("HF_ENDPOINT", NOWHERE)
-    monkeypatch.setenv("HF_HOME", str(tmp_path))
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "hub"))
 
 
 def test_extras_and_their_packages_are_those_that_pip_installs() -> None:
@@ -32,11 +34,25 @@ def test_extras_and_their_packages_are_those_that_pip_installs() -> None:
 
 
 def test_a_missing_extra_says_what_needs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "is_installed", lambda module: module != "kiss_icp")
+    monkeypatch.setattr(doctor, "is_installed", lambda module: module not in ("kiss_icp", "huggingface_hub"))
     told = unwrapped(invoke("doctor").stdout, 17)
     assert "extra odometry   missing: kiss-icp. Needed for the motion of the LiDAR" in told
     assert "pip install 'semcal[odometry]'" in told
+    assert "cache            none without huggingface_hub" in told
     assert "extra bag        installed: rosbags " in told
+
+
+def test_a_missing_distribution_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCV may be there as opencv-python, without the distribution that semcal names."""
+
+    def version(name: str) -> str:
+        if name == "opencv-python-headless":
+            raise PackageNotFoundError(name)
+        return "1.0"
+
+    monkeypatch.setattr(doctor, "version", version)
+    told = unwrapped(invoke("doctor").stdout, 17)
+    assert "opencv-python-headless of unknown version, pydantic 1.0" in told
 
 
 def test_cache_and_network_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

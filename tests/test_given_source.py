@@ -14,6 +14,7 @@ from conftest import Cli
 from dataset_trees import TREES
 
 from semcal_cli.cli import given_source
+from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.drive.document import read_drive
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
@@ -100,6 +101,30 @@ def test_a_data_set_is_enough_too(tmp_path: Path, cli: Cli, monkeypatch: pytest.
     assert code == 1
     assert told_commands(err)[0] == ["import", "kitti-object", "kitti", "-o", "kitti_drive"]
     assert len(read_drive(Path("kitti_drive")).frames) == 2
+
+
+@pytest.mark.parametrize("typed", ["bag.mcap", "./bag.mcap", "kitti/"])
+def test_the_drive_takes_the_place_of_what_was_typed(typed: str) -> None:
+    words = ["--image", "/front", typed, "--seed=3", "--sequence=00"]
+    with calibrate.make_context("semcal calibrate", words):
+        assert given_source.typed_for(Path("made_drive")) == "semcal calibrate made_drive --seed=3"
+
+
+def test_a_drive_of_other_data_is_not_replaced_even_by_force(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """--force is about the result; the import that replaces the drive is told."""
+    monkeypatch.chdir(tmp_path)
+    TREES["kitti-object"](tmp_path / "kitti")
+    drive = Path("kitti_drive/drive.yaml")
+    drive.parent.mkdir()
+    drive.write_text("mine: 1\n")
+    code, _, err = cli("calibrate", "kitti", "--force")
+    assert (code, drive.read_text()) == (1, "mine: 1\n")
+    assert err == (
+        f"semcal: error: {drive}: found a file that cannot be read as a drive, needed -o in another folder, or first "
+        "`semcal import kitti-object kitti --force -o kitti_drive`\n"
+    )
 
 
 def test_options_of_something_else_are_refused(street: Path, recording: Path, cli: Cli) -> None:

@@ -1,6 +1,7 @@
 """What a path holds that is no drive, and what each command says of it."""
 
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,30 @@ def test_a_sequence_is_recognised(
     assert here.root.resolve() == root.resolve()
 
 
+@pytest.mark.parametrize(
+    ("name", "one", "other", "sequence"),
+    [
+        ("semantickitti", "sequences/00", "sequences/01", None),
+        ("kitti-raw", *(f"2011_09_26/2011_09_26_drive_000{i}_sync" for i in (1, 2)), "2011_09_26"),
+    ],
+)
+def test_a_folder_of_several_sequences_is_a_sequence_only_if_its_reader_knows_it(
+    name: str, one: str, other: str, sequence: str | None, tmp_path: Path, cli: Cli
+) -> None:
+    root = TREES[name](tmp_path / "tree").root
+    shutil.copytree(root / one, root / other)
+    folder = (root / one).parent
+    source = recognise(folder)
+    assert source is not None
+    assert (source.kind, source.root, source.sequence) == (name, root, sequence)
+    code, _, err = cli("calibrate", folder, "-o", tmp_path / "c.yaml")
+    assert code == 1
+    typed = f"semcal calibrate {folder} -o {tmp_path / 'c.yaml'}"
+    choices = [f"`{typed} --sequence {Path(path).name}`" for path in (one, other)]
+    assert (f"choose one: {', '.join(choices)}" in err) == (sequence is None)
+    assert (tmp_path / f"{sequence}_drive").exists() == (sequence is not None)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_recording_is_recognised(kind: str, tmp_path: Path) -> None:
     path = small(tmp_path, kind)
@@ -93,6 +118,22 @@ def test_a_folder_of_drives_is_for_batch(street: Path, tmp_path: Path, cli: Cli)
     code, _, err = cli("batch", tmp_path / "many", "-o", tmp_path / "results")
     assert code == 1
     assert "2 drives" in err, err
+
+
+def test_an_error_of_a_batch_is_not_about_its_folder_of_drives(
+    street: Path, tmp_path: Path, cli: Cli
+) -> None:
+    (tmp_path / "many").mkdir()
+    (tmp_path / "many/street").symlink_to(street)
+    file, missing = tmp_path / "file", tmp_path / "nope.yaml"
+    file.touch()
+    for options, named in (
+        (["-o", file], file),
+        (["-o", tmp_path / "results", "--command", "verify", "--calibration", missing], missing),
+    ):
+        code, _, err = cli("batch", tmp_path / "many", *options)
+        assert code == 1
+        assert err.startswith(f"semcal: error: {named}: ")
 
 
 def test_a_folder_of_ones_own_files_gets_the_patterns(tmp_path: Path, cli: Cli) -> None:

@@ -124,7 +124,10 @@ class CalibrateSettings(
         "and write no file.",
         default=DEFAULT_OUTPUT,
     )
-    force: bool = option("Replace an output that is no calibration of semcal.", default=False)
+    force: bool = option(
+        "Replace an output that is no calibration of semcal. A drive of other data is never replaced.",
+        default=False,
+    )
     method: Literal["mi", "paper"] = option(
         "mi: mutual information, as semcal maximises it. paper: the paper's method exactly as published, for "
         "comparison; it estimates no uncertainty.",

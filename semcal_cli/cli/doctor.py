@@ -70,9 +70,9 @@ def _rows() -> Iterator[tuple[str, str]]:
     from semcal_cli.threads import num_cores
 
     where = Path(str(core.__file__)).parent
-    yield "semcal", f"{version('semcal')} in {where}"
+    yield "semcal", f"{_version('semcal')} in {where}"
     yield "python", f"{platform.python_version()} in {sys.prefix}, {platform.system()} {platform.machine()}"
-    yield "libraries", ", ".join(f"{name} {version(name)}" for name in BESIDE)
+    yield "libraries", ", ".join(f"{name} {_version(name)}" for name in BESIDE)
     yield "threads", f"{counted(num_cores(), 'core')}, all of which are used unless --threads says otherwise"
     for name, extra in EXTRAS.items():
         yield f"extra {name}", _state(name, extra)
@@ -95,8 +95,11 @@ def _version(package: str) -> str:
 
 def _cache() -> str:
     """Describe the networks in the cache of the hub."""
-    home = Path(os.environ.get("HF_HOME") or Path.home() / ".cache/huggingface")
-    folder = Path(os.environ.get("HF_HUB_CACHE") or home / "hub")
+    if not is_installed("huggingface_hub"):
+        return "none without huggingface_hub, which keeps the networks that are fetched"
+    from huggingface_hub import constants
+
+    folder = Path(constants.HF_HUB_CACHE)
     networks = sorted(
         path.name.removeprefix("models--").replace("--", "/") for path in folder.glob("models--*")
     )

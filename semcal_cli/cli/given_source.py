@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,13 +20,11 @@ from semcal_cli.cli.outputs import check_outputs, folder_of
 from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.settings import typed_words, without_option
 from semcal_cli.cli.tables import labelled, wrapped
-from semcal_cli.errors import ChoiceError, InputError, describe_extra, is_installed
+from semcal_cli.errors import ChoiceError, InputError, OccupiedError, describe_extra, is_installed
 from semcal_cli.files.documents import FORMATS
 from semcal_cli.importing.recognition import recognise
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
 
@@ -61,7 +60,7 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
     settings.outputs.check_replaced()
     options = _options(settings, is_recording=source.is_recording)
     try:
-        about: dict[str, Any] = {"output": drive, "quiet": settings.quiet, "force": settings.force}
+        about: dict[str, Any] = {"output": drive, "quiet": settings.quiet}
         if source.is_recording:
             _import_recording(settings, source.root, terminal, about)
         else:
@@ -69,6 +68,9 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
             about |= {"camera": settings.camera, "sequences": () if sequence is None else (sequence,)}
             dataset = OWN_SETTINGS.get(source.kind, DatasetSettings)(root=source.root, **about)
             import_dataset(source.kind, dataset, is_last=False)
+    except OccupiedError as error:
+        command = source.command(drive, *options, "--force")
+        raise InputError(f"{error.problem}, needed -o in another folder, or first `{command}`") from None
     except ChoiceError as error:
         if all(words[0] in (*OF_RECORDINGS, *OF_DATASETS) for words in error.choices):
             raise
@@ -81,11 +83,11 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
 def typed_for(drive: Path) -> str:
     """Write the command that was typed for a recording or a data set, for the drive that was made of it."""
     context = click.get_current_context()
-    words, given = typed_words(context), str(context.params["drive"])
+    words, given = typed_words(context), context.params["drive"]
     for name in (*OF_RECORDINGS, *OF_DATASETS):
         words = without_option(words, name)
     return shlex.join(
-        [*context.command_path.split(), *(str(drive) if word == given else word for word in words)]
+        [*context.command_path.split(), *(str(drive) if Path(word) == given else word for word in words)]
     )
 
 

@@ -106,7 +106,9 @@ def cue_list() -> Any:
 class QuietSettings:
     """The option of every command that shows its progress."""
 
-    quiet: bool = option("Print only the result, the verdict and errors.", "-q", "--quiet", default=False)
+    quiet: bool = option(
+        "Print only errors and the verdict or result, if there is one.", "-q", "--quiet", default=False
+    )
     verbose: bool = False
     """Whether to show expert figures, too."""
 

@@ -320,9 +320,11 @@ class SettingsCommand(click.Command, Generic[Settings]):
 
         if getattr(self.settings, "takes_recordings", False):
             return None
-        given = ctx.params.get("drive"), *(ctx.params.get("drives") or ())
-        for path in map(Path, filter(None, given)):
-            if (source := recognise(path)) is not None:
+        one, several = ctx.params.get("drive"), ctx.params.get("drives") or ()
+        for path in map(Path, filter(None, (one, *several))):
+            source = recognise(path)
+            # A folder of drives stands for several.
+            if source is not None and not (several and source.num_drives):
                 return source.advice(path)
         return None
 

@@ -34,7 +34,7 @@ def choose_start(settings: CalibrateSettings, drive: Drive) -> Start:
     """Choose the first start that there is.
 
     These are, in this order: the one that is given; none, where labels in the drive's files find the mounting; the
-    transform of the drive, if its direction is plain; the labels of networks; the turns of the motion.
+    transform of the drive, if its direction is beyond doubt; the labels of networks; the turns of the motion.
 
     Raises:
         NoStartError: there is none.
@@ -45,7 +45,7 @@ def choose_start(settings: CalibrateSettings, drive: Drive) -> Start:
     policy = policy_of(choose_cues(config.cues, drive, SweepCache()))
     if policy.can_find_mounting:
         return Start(settings, f"none: {' and '.join(policy.cues)} find the mounting")
-    if not settings.is_from_nothing and _has_plain_transform(drive, settings.max_baseline_m):
+    if not settings.is_from_nothing and _has_certain_transform(drive, settings.max_baseline_m):
         name = drive.argument
         return Start(replace(settings, init=name), f"the transform in {name}; {IGNORES}")
     if settings.image_model:
@@ -55,7 +55,7 @@ def choose_start(settings: CalibrateSettings, drive: Drive) -> Start:
     return Start(settings, "the turns of the motion")
 
 
-def _has_plain_transform(drive: Drive, max_baseline_m: float) -> bool:
+def _has_certain_transform(drive: Drive, max_baseline_m: float) -> bool:
     """Whether a drive states a transform whose direction and axes are beyond doubt."""
     if drive.T_camera_lidar is None:
         return False

@@ -185,8 +185,12 @@ def pick(
     needed = one_of(choice or "", names)
     if name is not None:
         raise InputError(f"{where}: {kind}: found {name!r}, needed {needed}")
-    found = counted(len(names), kind) + (f", and no {default}" if default else "")
-    raise ChoiceError(f"{where}: found {found}", needed, [(f"--{kind}", known) for known in names])
+    without_default = f", and no {default}" if default else ""
+    raise ChoiceError(
+        f"{where}: found {counted(len(names), kind)}{without_default}",
+        needed,
+        [(f"--{kind}", known) for known in names],
+    )
 
 
 def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:

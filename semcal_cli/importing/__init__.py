@@ -28,6 +28,8 @@ class Dataset(NamedTuple):
     """Patterns of what is in ROOT, by which it is recognised if all of them match; `|` separates alternatives."""
     has_sequence_folders: bool = False
     """Whether the folder of a sequence, or the one that it is in, is recognised, too."""
+    joins_sequences: bool = False
+    """Whether the name of a folder of several sequences is that of a sequence of them all."""
 
 
 DATASETS = {
@@ -48,6 +50,7 @@ DATASETS = {
         "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, by default image_02.",
         ("*/*_sync/velodyne_points",),
         has_sequence_folders=True,
+        joins_sequences=True,
     ),
     "kitti-object": Dataset(
         "kitti.read_object",

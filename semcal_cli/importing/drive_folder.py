@@ -13,7 +13,7 @@ import numpy as np
 
 from semcal_cli.config.point_files import PointForm
 from semcal_cli.drive.document import Drive, Frame, output_drive_file, read_drive
-from semcal_cli.errors import InputError, counted
+from semcal_cli.errors import InputError, OccupiedError, counted
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import holds_colors
 from semcal_cli.files.output_files import remove_if_refused
@@ -112,7 +112,7 @@ def check_may_replace(
         of_networks: Whether a drive with labels of networks may be replaced, as its source has them, too.
 
     Raises:
-        InputError: there is another file.
+        OccupiedError: there is another file.
     """
     if not path.is_file():
         return
@@ -124,7 +124,7 @@ def check_may_replace(
             description = "a drive with labels of networks"
         elif any(is_known(old.resolve(name), frame) for name, frame in zip(names, old.frames, strict=True)):
             return
-    raise InputError(f"{path}: found {description}, needed another -o, or --force")
+    raise OccupiedError(f"{path}: found {description}")
 
 
 def _identifying_file(frame: SourceFrame) -> Path | None:

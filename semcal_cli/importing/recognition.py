@@ -96,7 +96,7 @@ def recognise(path: Path) -> Recognised | None:
 
 
 def _dataset(path: Path) -> Recognised | None:
-    """Find the data set that a folder is, or a sequence of it: the one with the most signs."""
+    """Find the data set that a folder is, or is in: the one with the most signs."""
     known = sorted(DATASETS.items(), key=lambda item: -len(item[1].signs))
     folder = path.resolve()
     for above in folder.parents[:MAX_ABOVE]:
@@ -105,7 +105,8 @@ def _dataset(path: Path) -> Recognised | None:
                 places = [place for place in above.glob(dataset.signs[0]) if folder in place.parents]
                 if places:
                     root = Path(os.path.normpath(path / os.path.relpath(above, folder)))
-                    return Recognised(name, root, places[0].parent.name if len(places) == 1 else folder.name)
+                    several = folder.name if dataset.joins_sequences else None
+                    return Recognised(name, root, places[0].parent.name if len(places) == 1 else several)
     return next((Recognised(name, path) for name, dataset in known if _has_signs(path, dataset)), None)
 
 
@@ -123,9 +124,8 @@ def _drives(path: Path) -> Recognised | None:
 
 def _own_files(path: Path) -> Recognised | None:
     """Find clouds and images in a folder, or in the folders in it."""
-    patterns = [_pattern(path, suffixes) for suffixes in (CLOUD_SUFFIXES, IMAGE_SUFFIXES)]
-    found = tuple(pattern for pattern in patterns if pattern is not None)
-    return Recognised(FOLDER, path, patterns=found) if len(found) == len(patterns) else None
+    clouds, images = _pattern(path, CLOUD_SUFFIXES), _pattern(path, IMAGE_SUFFIXES)
+    return None if clouds is None or images is None else Recognised(FOLDER, path, patterns=(clouds, images))
 
 
 def _pattern(path: Path, suffixes: tuple[str, ...]) -> str | None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from semcal_cli.drive.document import FILES, Drive, output_drive_file
 from semcal_cli.drive.networks import SecondLabels
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, OccupiedError
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.input_files import hash_file, is_same_file
@@ -170,9 +170,7 @@ def _prepare_folder(drive: Drive, side: LabelSide, root: Path, force: bool, by_c
         **json.loads(_record_text(settings)),
         ORIGIN: None,
     }:
-        raise InputError(
-            f"{folder}: found labels of another model, drive or settings, needed another -o, or --force"
-        )
+        raise OccupiedError(f"{folder}: found labels of another model, drive or settings")
     files = [folder / f"{name}{side.suffix}" for name in _label_names(drive, side, by_content)]
     for file in files if force else ():
         # A forced run that is stopped leaves no old labels.
