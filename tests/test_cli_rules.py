@@ -41,8 +41,8 @@ REFUSED = {
     "calibrate d --estimate-delay --no-polish": f"--estimate-delay cannot be used with --no-polish: {JOINT}.",
     "calibrate d --refine-intrinsics fx --cue features --estimator mine": "--refine-intrinsics cannot be used with "
     f"--cue features: {JOINT}.",
-    "calibrate d --cross-validate 2 --no-polish": "--cross-validate cannot be used with --no-polish: parts of the drive "
-    "are only polished.",
+    "calibrate d --cross-validate 2 --no-polish": "--cross-validate cannot be used with --no-polish: parts of the "
+    "drive are only polished.",
     f"refine d {START} --estimate-delay --fix tx": f"--estimate-delay cannot be used with --fix: {JOINT}.",
     f"calibrate d --refine-intrinsics fx {PRIOR}": "--refine-intrinsics cannot be used with --prior-translation-m: "
     f"{JOINT}.",
