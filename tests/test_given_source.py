@@ -132,3 +132,42 @@ def test_options_of_something_else_are_refused(street: Path, recording: Path, cl
         code, _, err = cli("calibrate", path, option, "x")
         assert code == 2
         assert f"Error: {option} " in err
+
+
+def test_nothing_that_was_not_named_is_replaced(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pages, overlays and links in the place of those that semcal names, and values that were put into the drive."""
+    monkeypatch.chdir(tmp_path)
+    TREES["kitti-object"](tmp_path / "kitti")
+    page, image, drive = Path("calibration.html"), Path("calibration_overlay/000000.png"), Path("kitti_drive")
+    page.write_text("my own page")
+    code, _, err = cli("calibrate", "kitti")
+    assert (code, page.read_text()) == (1, "my own page")
+    assert "calibration.html: found a file of no calibration here; choose another -o, or add --force" in err
+    page.unlink()
+    image.parent.mkdir()
+    image.write_text("mine")
+    assert cli("calibrate", "kitti")[0] == 1
+    assert (image.read_text(), drive.exists()) == ("mine", False)
+    image.unlink()
+    image.parent.rmdir()
+    for folder in (image.parent, drive):
+        elsewhere = tmp_path / f"elsewhere_{folder}"
+        elsewhere.mkdir()
+        folder.symlink_to(elsewhere)
+        code, _, err = cli("calibrate", "kitti")
+        assert (code, [*elsewhere.iterdir()]) == (1, [])
+        assert f"{folder}: found a link, needed a folder or nothing" in err
+        folder.unlink()
+    assert "found suffix '.txt'" in cli("calibrate", "kitti", "-o", "x.txt")[2]
+    assert "found the name of a drive" in cli("calibrate", "kitti", "-o", "drive.yaml", "--force")[2]
+    assert not drive.exists()
+    cli("calibrate", "kitti")
+    document = drive / "drive.yaml"
+    edited = document.read_text().replace("synchronization: hardware", "synchronization: stamps")
+    assert edited != document.read_text()
+    document.write_text(edited)
+    code, _, err = cli("calibrate", "kitti")
+    assert (code, document.read_text()) == (1, edited)
+    assert "`semcal calibrate kitti_drive` takes them" in err

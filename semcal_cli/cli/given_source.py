@@ -16,12 +16,14 @@ from semcal_cli.cli.import_ import (
     import_dataset,
     import_recording,
 )
-from semcal_cli.cli.outputs import check_outputs, folder_of
+from semcal_cli.cli.outputs import MAX_IMAGES, check_image_folder, check_outputs, check_page, folder_of
 from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.settings import typed_words, without_option
 from semcal_cli.cli.tables import labelled, wrapped
-from semcal_cli.errors import ChoiceError, InputError, OccupiedError, describe_extra, is_installed
-from semcal_cli.files.documents import FORMATS
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
+from semcal_cli.errors import ChoiceError, InputError, OccupiedError, describe_extra, is_installed, shell
+from semcal_cli.files.documents import FORMATS, output_format
+from semcal_cli.files.output_files import write_bytes
 from semcal_cli.importing.recognition import recognise
 
 if TYPE_CHECKING:
@@ -55,10 +57,12 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
         raise InputError(source.advice(given))
     others = OF_DATASETS if source.is_recording else OF_RECORDINGS
     refuse(context, others, f"cannot be used with {source.name}")
-    drive, settings = folder_of(settings.output) / source.drive, _illustrated(settings)
-    check_outputs([given], settings.output, settings.log, settings.page)
-    settings.outputs.check_replaced()
+    drive, typed = folder_of(settings.output) / source.drive, settings
+    settings = _illustrated(settings)
+    _check_outputs(given, drive, typed, settings)
     options = _options(settings, is_recording=source.is_recording)
+    path = drive / DRIVE_FILE
+    before = path.read_bytes() if path.is_file() else None
     try:
         about: dict[str, Any] = {"output": drive, "quiet": settings.quiet}
         if source.is_recording:
@@ -68,6 +72,10 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
             about |= {"camera": settings.camera, "sequences": () if sequence is None else (sequence,)}
             dataset = OWN_SETTINGS.get(source.kind, DatasetSettings)(root=source.root, **about)
             import_dataset(source.kind, dataset, is_last=False)
+        if before is not None and path.read_bytes() != before:
+            write_bytes(before, path)
+            kept = "found values that this import does not write, of another hand or other options"
+            raise OccupiedError(f"{path}: {kept}; `{shell('calibrate', drive)}` takes them")
     except OccupiedError as error:
         command = source.command(drive, *options, "--force")
         raise InputError(f"{error.problem}, needed -o in another folder, or first `{command}`") from None
@@ -78,6 +86,44 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
         raise InputError(f"{error.problem}, choose one: {', '.join(commands)}") from None
     terminal.print(labelled("alone", source.command(drive, *options)))
     return replace(settings, drive=drive)
+
+
+def _check_outputs(given: Path, drive: Path, typed: CalibrateSettings, settings: CalibrateSettings) -> None:
+    """Check before an import that the outputs can be written, and that those of no given name replace nothing.
+
+    Args:
+        given: The recording or the data set.
+        drive: Folder of the drive to make.
+        typed: Settings as they were typed.
+        settings: The same with the names of a report and overlays.
+
+    Raises:
+        InputError: an output cannot be written, or a file is in the place of one whose name was not given.
+    """
+    from semcal_cli.report.overlays import overlay_paths
+
+    check_outputs([given], settings.output, settings.log, settings.page)
+    if settings.output is not None and settings.output.name in (DRIVE_FILE, RIG_FILE):
+        raise InputError(f"{settings.output}: found the name of a drive or a rig, needed another -o")
+    outputs, is_first = settings.outputs, settings.output is None or not settings.output.is_file()
+    outputs.check_replaced()
+    if settings.output is not None and settings.to is None:
+        output_format(settings.output)
+    check_page(settings.page)
+    if settings.images is not None:
+        check_image_folder(settings.images, MAX_IMAGES, [given])
+    for folder in (drive, settings.images):
+        if folder is not None and folder.is_symlink() and folder != typed.images:
+            raise InputError(f"{folder}: found a link, needed a folder or nothing")
+    if not is_first or settings.force:
+        return
+    page = settings.page if typed.page is None else None
+    images = overlay_paths(settings.images, MAX_IMAGES) if settings.images and typed.images is None else []
+    for path in filter(None, [page, *images]):
+        if path.exists():
+            raise InputError(
+                f"{path}: found a file of no calibration here; choose another -o, or add --force"
+            )
 
 
 def typed_for(drive: Path) -> str:

@@ -201,7 +201,8 @@ class Outputs:
         )
         if drive is not None and self.is_illustrated:
             self._illustrate(drive, calibration, terminal)
-        terminal.print_verdict("\n".join(verdict_lines(calibration)), calibration.status)
+        lines = verdict_lines(calibration, is_alone=terminal.console.quiet)
+        terminal.print_verdict("\n".join(lines), calibration.status)
         if self.has_next_steps and self.to is None and self.output is not None:
             leading = precedence.leading(calibration.topics)
             steps = after_calibration(calibration, self.output, leading, has_overlays=self.images is not None)

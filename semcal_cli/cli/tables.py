@@ -67,8 +67,8 @@ def pose_rows(T: Pose) -> Rows:
     ]
 
 
-def verdict_lines(calibration: CalibrationDocument) -> list[str]:
-    """State the verdict, and how sure it is.
+def verdict_lines(calibration: CalibrationDocument, *, is_alone: bool = False) -> list[str]:
+    """State the verdict, and how sure it is; alone, without the reasons above it.
 
     A trusted pose is given with its widest 95 % intervals, and their size in pixels at 10 m.
     """
@@ -76,7 +76,7 @@ def verdict_lines(calibration: CalibrationDocument) -> list[str]:
     is_start = status == "not_assessed" and [*calibration.stages] == ["initial"]
     case = "initial" if is_start else "paper" if "paper" in calibration.settings.options else status
     how_good = figures(calibration) or WITHOUT_CHECKS.get(case, "")
-    see = ", see above" if status == "not_trusted" else ""
+    see = ", see above" if status == "not_trusted" and not is_alone else ""
     verdict = ": ".join(filter(None, [status.replace("_", " "), how_good + see]))
     return wrapped("verdict", verdict)
 
