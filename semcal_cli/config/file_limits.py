@@ -23,6 +23,8 @@ MAX_UNPACKED_BYTES = 1 << 28
 """Maximum size of a chunk or of a message of a recording, unpacked; recorders write chunks of some megabytes."""
 MAX_JPEG_SCANS = 32
 """Maximum number of scans of a JPEG: encoders write up to 15, and each, however short, goes over all pixels."""
+MAX_JPEG_SEGMENTS = 10_000
+"""Maximum number of segments of a JPEG: full ones hold 650 MB, and files have a few dozen."""
 MAX_READ_RATIO, MIN_READ_BYTES = 200, 4 << 30
 """A recording may be unpacked to this multiple of its size in all, as its parts are read several times, or to this many
 bytes if that is more."""
