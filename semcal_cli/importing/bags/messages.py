@@ -139,11 +139,12 @@ class Message:
             MessageError: the bytes are not a message of this type.
         """
         if (read := self.topic.decode) is None:
-            self._check_sequence()
             store = _types(self.topic.is_ros1)
             deserialize = store.deserialize_ros1 if self.topic.is_ros1 else store.deserialize_cdr
             read = partial(deserialize, typename=self.topic.type)
         try:
+            if self.topic.decode is None:
+                self._check_sequence()
             return read(self.raw)
         except MessageError:
             raise
@@ -157,6 +158,7 @@ class Message:
 
         Raises:
             MessageError: it is too long.
+            struct.error: the message is too short for a header.
         """
         start, name, limit = 0 if self.topic.is_ros1 else 4, "transforms", MAX_MESSAGE_TRANSFORMS
         if self.is_a(CLOUD):
