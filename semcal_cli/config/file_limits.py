@@ -32,6 +32,8 @@ MIN_READ_RECORDS = 10_000_000
 """Maximum number of records that are read of a recording in all, or a quarter of its bytes if that is more."""
 MAX_CHUNK_RECORDS = 1 << 20
 """Maximum number of records in a chunk."""
+MAX_CHUNK_DEFINITIONS = 2 << 16
+"""Maximum number of schemas and channels in a chunk: the ids of each have 16 bits."""
 MAX_HELD_BYTES = 1 << 28
 """Maximum size of the messages that wait for those of other chunks at the same time."""
 MAX_SUMMARY_BYTES = 1 << 26
