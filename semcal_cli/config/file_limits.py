@@ -1,4 +1,4 @@
-"""Limits of what files and servers may ask of this machine, once; docs/limits.md lists them with what they keep away.
+"""Limits of what files and servers may ask of this machine; docs/input.md lists them.
 
 They are checked before or while something is read, so that a small hostile file takes neither minutes nor gigabytes.
 """
@@ -48,6 +48,8 @@ MAX_PROTOBUF_VALUES = 100_000
 """Maximum number of values of a Protobuf message besides bytes and text: each takes a hundred bytes when it is read."""
 MAX_MESSAGE_TRANSFORMS = 1000
 """Maximum number of transforms in a message."""
+MAX_FIELDS = 128
+"""Maximum number of fields of a point."""
 
 ANSWER_S = 30.0
 """Maximum time of an answer of a hub, and time after which a download must be faster than `MIN_BYTES_PER_S`."""

@@ -305,9 +305,10 @@ def _definition(kind: int, content: bytes) -> Schema | Channel:
         ValueError: it is damaged.
     """
     try:
-        return RECORDS[kind].read(ReadDataStream(BytesIO(content)))
+        definition: Schema | Channel = RECORDS[kind].read(ReadDataStream(BytesIO(content)))
     except Exception as error:  # Hostile bytes raise errors of any kind in the library.
         raise ValueError("found a damaged schema or channel") from error
+    return definition
 
 
 def _topic(channel: Channel, schemas: dict[int, Schema], span: Span) -> Topic:
