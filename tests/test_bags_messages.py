@@ -373,6 +373,7 @@ def test_messages_too_short_for_a_header() -> None:
         for read in (
             lambda message: message.header_ns,
             lambda message: message.frame_id,
+            lambda message: message.content,
             lambda m: read_sweep(m, 1),
         ):
             with pytest.raises(MessageError):

@@ -17,7 +17,6 @@ import zstandard
 from bag_imports import CAMERA, T_MOUNT, cloud, done, fill, image, info, nothing, refused, run_cli, small
 from bags import NS, ROS1_MCAP, BagWriter, header, write_drive
 from foxglove_recordings import FoxgloveWriter, VideoWriter, encoded
-from mcap.records import Chunk
 from mcap.writer import Writer as McapWriter
 
 from semcal_cli.drive.document import Drive, read_drive
@@ -229,15 +228,34 @@ def test_a_schema_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     )
 
 
-def test_a_chunk_of_millions_of_empty_messages_is_left_out(tmp_path: Path) -> None:
-    data = struct.pack("<BQHIQQ", 5, 22, 0, 0, 0, 0) * ((1 << 20) + 1)
+def record(kind: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", kind, len(content)) + content
+
+
+CHANNEL, MESSAGE = record(4, bytes(16)), record(5, bytes(22))
+FAULTS = {
+    "a message that is too short": record(5, b"abc"),
+    "a schema that is too short": record(3, b"a"),
+    "a record beyond the chunk": struct.pack("<BQ", 5, 99),
+    "too many records": record(200, b"") * (1 << 20),
+    "too many channels": CHANNEL * (2 << 16),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_chunk_is_read_as_a_whole_or_left_out(fault: str, tmp_path: Path) -> None:
+    def chunk(data: bytes) -> bytes:
+        return record(6, struct.pack("<QQQIIQ", 0, 0, len(data), 0, 0, len(data)) + data)
+
+    whole = CHANNEL + MESSAGE
     path = tmp_path / "bag.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start()
-        writer.finish()
-    with ExitStack() as stack, pytest.raises(ValueError, match="more than 1,048,576 records"):
-        list(McapFile(path, stack)._chunk_records(Chunk("", data, 0, 0, 0, len(data)), None))
+    path.write_bytes(
+        b"\x89MCAP0\r\n" + record(1, bytes(8)) + chunk(whole) + chunk(whole + FAULTS[fault]) + chunk(whole)
+    )
+    with ExitStack() as stack:
+        file = McapFile(path, stack)
+        assert file.damage == "its index, 1 damaged chunks"
+        assert len(list(file.messages(file.topics, 0, 1))) == 2
 
 
 def test_frames_of_av1_that_are_cut_off_do_not_stop_an_import(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.findings.check import Check
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
-from semcal_cli.importing import kitti_360_windows
+from semcal_cli.importing import kitti_360_windows, sweep_odometry as odometry
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.many.batch import records
 from semcal_cli.pipeline.verification import LOOKS_LIKE
@@ -72,6 +72,35 @@ def test_limits_are_those_of_the_code() -> None:
     }
     assert stated == set(LIMITS.items())
     assert f"off by {poses.RIGID_TOLERANCE:g}" in text
+
+
+LIMITS_OF_WHOLE_FILES = f"""
+keys up to {reading.MAX_WHOLE_KEY:,} |
+{reading.MAX_COMMAND:,} characters |
+| {reading.MAX_CAMERAS} cameras |
+| {reading.MAX_JPEG_SCANS} scans and {reading.MAX_JPEG_SEGMENTS:,} segments of a JPEG;
+{reading.MAX_READ_RATIO} times its size or {reading.MIN_READ_BYTES >> 30} GiB;
+or {reading.MIN_READ_RECORDS:,} records |
+| {reading.MAX_CHUNK_RECORDS:,} records a chunk, {reading.MAX_CHUNK_DEFINITIONS:,} of them schemas and channels;
+{reading.MAX_HELD_BYTES >> 20} MiB of messages that wait for other chunks,
+an index of {reading.MAX_SUMMARY_BYTES >> 20} MiB,
+{reading.MAX_TOPICS:,} topics, whose names and types have up to {reading.MAX_TOPIC_NAME:,} characters;
+{reading.MAX_SQLITE_STEPS:,} instructions a statement, and {reading.SQLITE_STEPS_A_BYTE} a byte |
+{reading.MAX_PROTOBUF_VALUES:,} values a message
+{reading.MAX_MESSAGE_TRANSFORMS:,} a message, {reading.MAX_TRANSFORMS:,} pairs of frames a recording |
+| fields of a cloud | {reading.MAX_FIELDS} |
+{odometry.MAX_SWEEP_CELLS:,} voxels a sweep, and {odometry.MAX_SWEEP_POINTS:,} points,
+{odometry.MAX_ITERATIONS} iterations; {odometry.MAX_RESTARTS} new starts after jumps,
+one more every {odometry.SWEEPS_A_RESTART} sweeps |
+{reading.ANSWER_S:.0f} s, {reading.MAX_ANSWER_BYTES >> 20} MiB for a description, {reading.MAX_REDIRECTS} redirections;
+downloads of {reading.MIN_BYTES_PER_S / 1000:.0f} kB a second or more,
+"""
+
+
+@pytest.mark.parametrize("limit", LIMITS_OF_WHOLE_FILES.strip().splitlines())
+def test_limits_of_whole_files_are_those_of_the_code(limit: str) -> None:
+    text = (DOCS / "input.md").read_text()
+    assert limit in text.partition("## Limits of whole files")[2].partition("\n## ")[0]
 
 
 def test_the_files_of_class_names_are_read(tmp_path: Path) -> None:

@@ -102,6 +102,36 @@ def test_headers_that_state_no_size(rest: bytes, tmp_path: Path) -> None:
         read_size(tmp_path / "a.jpg")
 
 
+SCANS = b"\xff\xda" * 33
+
+
+@pytest.mark.parametrize(
+    ("before", "after"), [(b"\xff\xe1\0\x44" + SCANS, b""), (b"", SCANS)], ids=["a preview", "a video"]
+)
+def test_scans_are_those_of_the_jpeg_itself(before: bytes, after: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    cv2.imwrite(str(path), np.full((21, 34, 3), 90, np.uint8))
+    content = path.read_bytes()
+    path.write_bytes(content[:2] + before + content[2:] + after)
+    assert (read_image(path) == 90).all()
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (b"\xff\xff\xda\0\x02" * 33, "33 or more scans"),
+        (b"\xff\xfe\0\0" * 10_001, "more than 10,000 segments"),
+    ],
+)
+def test_a_jpeg_of_too_many_parts(more: bytes, told: str, tmp_path: Path) -> None:
+    """Bytes of ones may fill the place before a marker, and libjpeg takes a length of 0 for 2."""
+    path = tmp_path / "a.jpg"
+    cv2.imwrite(str(path), np.zeros((21, 34, 3), np.uint8))
+    path.write_bytes(path.read_bytes()[:-2] + more)
+    with pytest.raises(InputError, match=f"found a JPEG of {told}, needed at most"):
+        read_image(path)
+
+
 # Sweeps.
 
 

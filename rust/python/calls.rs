@@ -63,7 +63,8 @@ impl Pool {
     }
 }
 
-/// Replaces the pool. One from before a fork is forgotten, because dropping it would wait for threads that are gone.
+/// Replaces the pool. One from before a fork is forgotten, because dropping it would wake threads that are
+/// gone, and lock what they may hold.
 fn replace(pool: &mut Option<Pool>, new: Pool) {
     if let Some(old) = pool.replace(new).filter(|old| old.process != process::id()) {
         mem::forget(old);

@@ -1,4 +1,4 @@
-"""Limits of what files and servers may ask of this machine, once; docs/limits.md lists them with what they keep away.
+"""Limits of what files and servers may ask of this machine; docs/input.md lists them.
 
 They are checked before or while something is read, so that a small hostile file takes neither minutes nor gigabytes.
 """
@@ -23,6 +23,8 @@ MAX_UNPACKED_BYTES = 1 << 28
 """Maximum size of a chunk or of a message of a recording, unpacked; recorders write chunks of some megabytes."""
 MAX_JPEG_SCANS = 32
 """Maximum number of scans of a JPEG: encoders write up to 15, and each, however short, goes over all pixels."""
+MAX_JPEG_SEGMENTS = 10_000
+"""Maximum number of segments of a JPEG: full ones hold 650 MB, and files have a few dozen."""
 MAX_READ_RATIO, MIN_READ_BYTES = 200, 4 << 30
 """A recording may be unpacked to this multiple of its size in all, as its parts are read several times, or to this many
 bytes if that is more."""
@@ -30,6 +32,8 @@ MIN_READ_RECORDS = 10_000_000
 """Maximum number of records that are read of a recording in all, or a quarter of its bytes if that is more."""
 MAX_CHUNK_RECORDS = 1 << 20
 """Maximum number of records in a chunk."""
+MAX_CHUNK_DEFINITIONS = 2 << 16
+"""Maximum number of schemas and channels in a chunk: the ids of each have 16 bits."""
 MAX_HELD_BYTES = 1 << 28
 """Maximum size of the messages that wait for those of other chunks at the same time."""
 MAX_SUMMARY_BYTES = 1 << 26
@@ -44,6 +48,8 @@ MAX_PROTOBUF_VALUES = 100_000
 """Maximum number of values of a Protobuf message besides bytes and text: each takes a hundred bytes when it is read."""
 MAX_MESSAGE_TRANSFORMS = 1000
 """Maximum number of transforms in a message."""
+MAX_FIELDS = 128
+"""Maximum number of fields of a point."""
 
 ANSWER_S = 30.0
 """Maximum time of an answer of a hub, and time after which a download must be faster than `MIN_BYTES_PER_S`."""

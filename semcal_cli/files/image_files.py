@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any, BinaryIO, NamedTuple, TypeAlias
 import numpy as np
 
 from semcal_cli.config import MAX_PIXELS
-from semcal_cli.config.file_limits import MAX_JPEG_SCANS
+from semcal_cli.config.file_limits import MAX_JPEG_SCANS, MAX_JPEG_SEGMENTS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.input_files import check_size, open_file, size_of
 from semcal_cli.files.output_files import write_bytes
@@ -23,8 +24,10 @@ MAX_HEADER_BYTES = 16 << 20
 """Bytes at the start of a large file in which its header is searched for."""
 PNG, JPEG, BMP = b"\x89PNG", b"\xff\xd8\xff", b"BM"
 """First bytes of the formats."""
-JPEG_SCAN = b"\xff\xda"
-"""Marker before each scan of a JPEG."""
+JPEG_MARKER = re.compile(rb"\xff[\xc0-\xcf\xd9-\xfe]")
+"""Markers of a JPEG before a segment, which states its length, and its end. In the data of a scan, a zero or the number
+of a restart follows each byte of ones."""
+JPEG_SCAN, JPEG_END = b"\xff\xda", b"\xff\xd9"
 PNG_SIGNATURE_BYTES, PNG_CHUNK_BYTES = 8, 12
 """Bytes before the first chunk of a PNG, and of a chunk without its data."""
 PNG_INFLATED = (b"zTXt", b"iTXt", b"iCCP")
@@ -110,16 +113,36 @@ def decode_image(path: Path, content: bytes, flags: int) -> RawPixels | None:
     import cv2
 
     if content.startswith(JPEG):
-        # A marker: in the data of a scan, a zero follows each byte of ones.
-        num_scans = content.count(JPEG_SCAN)
-        if num_scans > MAX_JPEG_SCANS:
-            raise InputError(f"{path}: found a JPEG of {num_scans:,} scans, needed at most {MAX_JPEG_SCANS}")
+        _check_scans(path, content)
     elif content.startswith(PNG):
         content = _without_texts(content)
     pixels: Any = None
     with suppress(cv2.error):
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     return None if pixels is None else np.asarray(pixels)
+
+
+def _check_scans(path: Path, content: bytes) -> None:
+    """Check the number of scans of a JPEG up to its end; segments may hold previews, and a video may follow.
+
+    Raises:
+        InputError: it has too many scans or segments.
+    """
+    num_scans = num_segments = 0
+    found = JPEG_MARKER.search(content)
+    while found is not None and found[0] != JPEG_END:
+        num_scans += found[0] == JPEG_SCAN
+        num_segments += 1
+        if num_scans > MAX_JPEG_SCANS:
+            raise InputError(
+                f"{path}: found a JPEG of {num_scans} or more scans, needed at most {MAX_JPEG_SCANS}"
+            )
+        if num_segments > MAX_JPEG_SEGMENTS:
+            most = f"{MAX_JPEG_SEGMENTS:,}"
+            raise InputError(f"{path}: found a JPEG of more than {most} segments, needed at most {most}")
+        # The length counts its own two bytes.
+        length = int.from_bytes(content[found.end() : found.end() + 2], "big")
+        found = JPEG_MARKER.search(content, found.end() + max(2, length))
 
 
 def _without_texts(content: bytes) -> bytes:

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from mcap.records import Schema
 
-from semcal_cli.config.file_limits import MAX_MESSAGE_TRANSFORMS
+from semcal_cli.config.file_limits import MAX_FIELDS, MAX_MESSAGE_TRANSFORMS
 from semcal_cli.errors import check_installed, counted, describe, reason
 from semcal_cli.importing.bags.messages import (
     CAMERA_INFO,
     CLOUD,
     COMPRESSED,
     IMAGE,
-    MAX_FIELDS,
     MAX_FRAME_ID,
     POSE,
     TRANSFORMS,

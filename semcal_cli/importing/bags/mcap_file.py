@@ -21,6 +21,7 @@ from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
 from semcal_cli.config.file_limits import (
+    MAX_CHUNK_DEFINITIONS,
     MAX_CHUNK_RECORDS,
     MAX_HELD_BYTES,
     MAX_SUMMARY_BYTES,
@@ -33,8 +34,9 @@ from semcal_cli.importing.bags.messages import Message, Span, Topic
 from semcal_cli.importing.bags.unpacking import Meter, unpack
 
 MAGIC_BYTES = 8
+MESSAGE = int(Opcode.MESSAGE)
 RECORDS: dict[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
-"""Records of a chunk other than messages."""
+"""Kinds of the records of a chunk: messages, as a number that is compared faster, and others."""
 MAX_INDEX_BYTES = 1 << 26
 """Largest size of the indexes of a chunk that are read."""
 RECORD_HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
@@ -201,7 +203,9 @@ class McapFile:
         return bool(kind == Opcode.FOOTER and 0 < start < self._size - MAX_SUMMARY_BYTES)
 
     def _chunk_records(self, chunk: Chunk, channels: Collection[int] | None) -> Iterator[McapRecord]:
-        """Yield the records of a chunk, which is unpacked up to the size that it states.
+        """Yield the schemas and channels of a chunk, and then its messages, if all of it is whole.
+
+        It is unpacked up to the size that it states.
 
         Args:
             chunk: The chunk.
@@ -219,26 +223,32 @@ class McapFile:
         data = unpack(chunk.compression, chunk.data, chunk.uncompressed_size)
         if chunk.uncompressed_crc and crc32(data) != chunk.uncompressed_crc:
             raise ValueError("found a chunk whose checksum is wrong")
-        offset = num_records = 0
+        definitions, num_records = [], 0
         try:
-            while offset + RECORD_HEAD.size <= len(data):
-                kind, length = RECORD_HEAD.unpack_from(data, offset)
-                start = offset + RECORD_HEAD.size
-                offset, num_records = start + length, num_records + 1
-                if offset > len(data):
-                    raise ValueError("found a record that goes beyond its chunk")
+            for kind, start, end in _records_in(data):
+                num_records += 1
                 if num_records > MAX_CHUNK_RECORDS:
                     raise ValueError(f"found a chunk of more than {MAX_CHUNK_RECORDS:,} records")
-                if kind == Opcode.MESSAGE:
-                    head = MESSAGE_HEAD.unpack_from(data, start)
-                    if channels is None or head[0] in channels:
-                        yield McapMessage(
-                            head[0], head[2], data[start + MESSAGE_HEAD.size : offset], head[3], head[1]
-                        )
-                elif kind in RECORDS:
-                    yield RECORDS[kind].read(ReadDataStream(BytesIO(data[start:offset])))
+                if end > len(data):
+                    raise ValueError("found a record that goes beyond its chunk")
+                if kind == MESSAGE and end - start < MESSAGE_HEAD.size:
+                    raise ValueError(
+                        f"found a message of {end - start} bytes, needed {MESSAGE_HEAD.size} or more"
+                    )
+                if kind in RECORDS:
+                    definitions.append(_definition(kind, data[start:end]))
+                    if len(definitions) > MAX_CHUNK_DEFINITIONS:
+                        problem = f"a chunk of more than {MAX_CHUNK_DEFINITIONS:,} schemas and channels"
+                        raise ValueError(f"found {problem}")
         finally:
             self._meter.add(0, num_records)
+        yield from definitions
+        for kind, start, end in _records_in(data):
+            if kind == MESSAGE:
+                channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, start)
+                if channels is None or channel in channels:
+                    content = data[start + MESSAGE_HEAD.size : end]
+                    yield McapMessage(channel, log_time, content, publish_time, sequence)
 
     def _records(self, channels: Collection[int] | None = None) -> Iterator[McapRecord]:
         """Yield the records of the file, and those of its whole chunks, in their order."""
@@ -276,6 +286,29 @@ def _is_index(summary: Summary) -> bool:
         key for key, channel in summary.channels.items() if channel.schema_id in (0, *summary.schemas)
     }
     return used_channels <= known_channels
+
+
+def _records_in(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield the kind of each record, and where its content starts and ends."""
+    end = 0
+    while end + RECORD_HEAD.size <= len(data):
+        kind, length = RECORD_HEAD.unpack_from(data, end)
+        start = end + RECORD_HEAD.size
+        end = start + length
+        yield kind, start, end
+
+
+def _definition(kind: int, content: bytes) -> Schema | Channel:
+    """Read a schema or a channel.
+
+    Raises:
+        ValueError: it is damaged.
+    """
+    try:
+        definition: Schema | Channel = RECORDS[kind].read(ReadDataStream(BytesIO(content)))
+    except Exception as error:  # Hostile bytes raise errors of any kind in the library.
+        raise ValueError("found a damaged schema or channel") from error
+    return definition
 
 
 def _topic(channel: Channel, schemas: dict[int, Schema], span: Span) -> Topic:

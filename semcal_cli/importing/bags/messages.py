@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from semcal_cli.config.file_limits import MAX_MESSAGE_TRANSFORMS
+from semcal_cli.config.file_limits import MAX_FIELDS, MAX_MESSAGE_TRANSFORMS
 from semcal_cli.errors import counted
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -37,8 +37,6 @@ DEFINITIONS = {
 HEADER_BYTES = 16
 """Bytes before the characters of `frame_id`: ROS 1's sequence or ROS 2's encapsulation, stamp and length."""
 MAX_FRAME_ID = 4096
-MAX_FIELDS = 128
-"""Largest number of fields of a point."""
 NS = 1_000_000_000
 
 
@@ -139,11 +137,12 @@ class Message:
             MessageError: the bytes are not a message of this type.
         """
         if (read := self.topic.decode) is None:
-            self._check_sequence()
             store = _types(self.topic.is_ros1)
             deserialize = store.deserialize_ros1 if self.topic.is_ros1 else store.deserialize_cdr
             read = partial(deserialize, typename=self.topic.type)
         try:
+            if self.topic.decode is None:
+                self._check_sequence()
             return read(self.raw)
         except MessageError:
             raise
@@ -157,6 +156,7 @@ class Message:
 
         Raises:
             MessageError: it is too long.
+            struct.error: the message is too short for a header.
         """
         start, name, limit = 0 if self.topic.is_ros1 else 4, "transforms", MAX_MESSAGE_TRANSFORMS
         if self.is_a(CLOUD):

@@ -17,13 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.file_limits import MAX_FIELDS
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
 from semcal_cli.importing.bags.messages import (
     CLOUD,
     HEADER_BYTES,
-    MAX_FIELDS,
     NS,
     VELODYNE,
     Message,
