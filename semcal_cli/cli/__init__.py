@@ -47,7 +47,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "completion": "Print shell completion for bash, zsh or fish.",
     },
     "Calibrate": {
-        "calibrate": "Find the transform of a recording or a drive, and its uncertainty.",
+        "calibrate": "Find the transform of a recording or drive, and its uncertainty.",
         "initialize": "Search all mounting directions, without refinement.",
         "refine": "Refine a transform that is roughly known.",
     },
