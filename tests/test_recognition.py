@@ -87,6 +87,16 @@ def test_a_recording_is_recognised(kind: str, tmp_path: Path) -> None:
         assert recognise(renamed) is not None
 
 
+def test_recordings_that_differ_after_a_dot_make_drives_of_their_own(tmp_path: Path) -> None:
+    recorded = small(tmp_path, "mcap library")
+    names = {}
+    for name in ("run v1.2.mcap", "run v1.3.mcap"):
+        source = recognise(Path(shutil.copy(recorded, tmp_path / name)))
+        assert source is not None
+        names[name] = str(source.drive)
+    assert names == {"run v1.2.mcap": "run v1.2_drive", "run v1.3.mcap": "run v1.3_drive"}
+
+
 def test_what_is_no_recording_is_not_recognised(street: Path, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("nothing")
     for path in (street, street / "drive.yaml", tmp_path, tmp_path / "notes.txt", tmp_path / "missing"):

@@ -59,8 +59,8 @@ class Recognised:
     @property
     def drive(self) -> Path:
         """Name for the drive that is made of it, in the working folder."""
-        name = self.sequence or self.root.resolve().name
-        return Path(f"{name.split('.')[0] or name}_drive")
+        root = self.root.resolve()
+        return Path(f"{self.sequence or (root.stem if root.is_file() else root.name)}_drive")
 
     def command(self, output: Path, *options: str) -> str:
         """Write the command that makes a drive of it, or that calibrates the drives."""
