@@ -64,3 +64,23 @@ def test_cache_and_network_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert f"python           {sys.version.split()[0]} in " in told
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     assert "not used, because HF_HUB_OFFLINE is set" in unwrapped(invoke("doctor").stdout, 17)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "said"),
+    [
+        ("http://127.0.0.1:x", "http://127.0.0.1:x is not reachable (nonnumeric port"),
+        ("http://me:secret@127.0.0.1:9", "http://127.0.0.1:9 is not reachable"),
+        (
+            "file:///etc/passwd",
+            "file:///etc/passwd: found in HF_ENDPOINT, needed an address that begins with https://",
+        ),
+    ],
+)
+def test_an_address_of_another_kind_is_told_without_its_password(
+    endpoint: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HF_ENDPOINT", endpoint)
+    told = unwrapped(invoke("doctor").stdout, 17)
+    assert said in told
+    assert "secret" not in told

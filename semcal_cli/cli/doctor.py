@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -115,8 +116,13 @@ def _network() -> str:
     if os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "TRUE", "YES", "ON"):
         return f"not used, because HF_HUB_OFFLINE is set. {without}"
     failures = [f"no answer within {TIMEOUT_S:g} s"]
+    # A name and a password are not for those who read the report.
+    shown = re.sub(r"//[^/]*@", "//", endpoint)
+    if not endpoint.startswith(("http://", "https://")):
+        return f"{shown}: found in HF_ENDPOINT, needed an address that begins with https://. {without}"
 
     def ask() -> None:
+        from http.client import HTTPException
         from urllib.error import HTTPError
         from urllib.request import Request, urlopen
 
@@ -124,11 +130,11 @@ def _network() -> str:
             with suppress(HTTPError), urlopen(Request(endpoint, method="HEAD"), timeout=TIMEOUT_S):
                 pass
             failures.clear()
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, HTTPException) as error:
             failures[:] = [reason(error)]
 
     # The resolution of a name has no time limit of its own.
     asking = Thread(target=ask, daemon=True)
     asking.start()
     asking.join(TIMEOUT_S)
-    return f"{endpoint} is not reachable ({failures[0]}). {without}" if failures else f"{endpoint} answers"
+    return f"{shown} is not reachable ({failures[0]}). {without}" if failures else f"{shown} answers"
