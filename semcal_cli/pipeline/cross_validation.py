@@ -24,8 +24,6 @@ from semcal_cli.observations.observations import Observations
 class Fold(NamedTuple):
     """A part of the scenes of a drive, and the pose by these alone."""
 
-    frames: tuple[int, ...]
-    """Indices of its frames."""
     T_camera_lidar: Pose
     """(4, 4) pose, metres."""
     sigmas: Matrix | None
@@ -73,11 +71,9 @@ def estimate_folds(
         T = newton(some, T_camera_lidar, config).T_camera_lidar
         around = determined_sensitivity(some, T, SensitivityConfig())
         if around is None:
-            return Fold(tuple(frames), T, None, None)
+            return Fold(T, None, None)
         covariance, degrees_of_freedom = around.noise(around.influence)
         sigmas = np.sqrt(np.diag(covariance))
-        return Fold(
-            tuple(frames), T, np.concatenate([sigmas[:3], np.degrees(sigmas[3:])]), degrees_of_freedom
-        )
+        return Fold(T, np.concatenate([sigmas[:3], np.degrees(sigmas[3:])]), degrees_of_freedom)
 
     return [fold(frames) for frames in folds]
