@@ -103,7 +103,8 @@ def _check_name(name: str, where: str = "") -> str:
 
 def _matches(name: str) -> list[str]:
     path = Path(name)
-    is_drive = any((path / file).exists() for file in (DRIVE_FILE, RIG_FILE))
+    # Path.exists raises an error on names that are too long for the system; access only says no.
+    is_drive = any(os.access(path / file, os.F_OK) for file in (DRIVE_FILE, RIG_FILE))
     if is_folder(path) and not is_drive and (drives := [*path.glob(f"*/{DRIVE_FILE}")]):
         return sorted(str(file.parent) for file in drives)
     if not any(character in name for character in PATTERN_CHARACTERS) or os.access(path, os.F_OK):
