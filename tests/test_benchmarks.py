@@ -82,7 +82,7 @@ CASES = {
     "inspect": ["inspect @pinhole --json", "inspect @nothing"],
 }
 """Cases for the comparison of two versions."""
-IMAGES = ("overlay", "terminal", "report", "verify_phone", "fleet", "view", "view_phone")
+IMAGES = ("overlay", "report", "verify", "fleet", "view")
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Makes the images of the README and of the docs: the terminal, and every page on a desk and on a telephone.
+"""Makes the images of the README and of the docs: points on an image, and the pages as a browser shows them.
 
     python tests/benchmarks/pictures.py -o docs/pictures
 
@@ -6,8 +6,6 @@ Needs chromium and chromedriver. With --program the images are those of another 
 cannot do is left out.
 """
 
-import io
-import os
 import subprocess
 import sys
 import time
@@ -27,7 +25,8 @@ from fleets import line, series_of, write_summary
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.twists import displace
 
-DESK, PHONE, TERMINAL = (1400, 900), (390, 844), (820, 600)
+WINDOW = (1400, 900)
+"""Columns and rows of the browser."""
 QUALITY = 70
 WIDEST = 1000
 """Columns of an image in the docs."""
@@ -37,8 +36,8 @@ OFF_DEG, OFF_M = 0.6, 0.01
 class Pictures:
     """Runs the commands in a folder, and makes images of what they print and write."""
 
-    def __init__(self, output: Path, work: Path, program: str, suffix: str) -> None:
-        self.output, self.work, self.program, self.suffix = output, work, program, suffix
+    def __init__(self, output: Path, work: Path, program: str) -> None:
+        self.output, self.work, self.program = output, work, program
         self.made = list[str]()
 
     def make(self, frames: int, width: int) -> None:
@@ -47,8 +46,7 @@ class Pictures:
         self.keep("overlay", cv2.imread(str(self.work / "demo" / "overlay.png")))
         size = ["--frames", str(frames), "--width", str(width), "--height", str(width * 9 // 16)]
         self.run("synth", "drive", *size, "--seed", "3", "--force")
-        printed = self.run("calibrate", "drive", "-o", "calibration.yaml", "--report", "report.html")
-        self.terminal("terminal", "semcal calibrate drive -o calibration.yaml --report report.html", printed)
+        self.run("calibrate", "drive", "-o", "calibration.yaml", "--report", "report.html")
         self.page("report", self.work / "report.html")
         T_off = displace(
             read_transform(self.work / "calibration.yaml"), OFF_DEG, OFF_M, np.random.default_rng(1)
@@ -68,17 +66,10 @@ class Pictures:
         self.page("kitti_report", self.work / "kitti" / "report.html")
 
     def run(self, *arguments: str) -> str:
-        """Run a command as on a terminal of 80 columns, and return what it prints."""
-        as_terminal = {"COLUMNS": "80", "FORCE_COLOR": "1", "TTY_INTERACTIVE": "0", "TERM": "xterm-256color"}
-        environment = os.environ | as_terminal
+        """Run a command, and return what it prints."""
         command = [self.program, *arguments]
         done = subprocess.run(
-            command,
-            cwd=self.work,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
+            command, cwd=self.work, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         self.made.append(f"{' '.join(command)}: exit code {done.returncode}")
         return done.stdout
@@ -91,34 +82,21 @@ class Pictures:
             assert served.stdout is not None
             try:
                 if address := served.stdout.readline().strip():
-                    self.shoot("view", address, DESK)
-                    self.shoot("view_phone", address, PHONE)
+                    self.shoot("view", address)
             finally:
                 served.kill()  # leaving the block waits for its end
 
     def page(self, name: str, path: Path) -> None:
-        """Make images of a page, if there is one, on a desk and on a telephone."""
+        """Make an image of a page, if there is one."""
         if path.exists():
-            self.shoot(name, path.resolve().as_uri(), DESK)
-            self.shoot(f"{name}_phone", path.resolve().as_uri(), PHONE)
+            self.shoot(name, path.resolve().as_uri())
 
-    def terminal(self, name: str, command: str, printed: str) -> None:
-        """Make an image of what a command prints."""
-        from rich.console import Console
-        from rich.text import Text
-
-        console = Console(record=True, width=80, file=io.StringIO(), force_terminal=True)
-        console.print(Text.from_ansi(f"$ {command}\n{printed.rstrip()}"))
-        path = self.work / f"{name}.svg"
-        console.save_svg(str(path), title="semcal")
-        self.shoot(name, path.resolve().as_uri(), TERMINAL)
-
-    def shoot(self, name: str, address: str, size: tuple[int, int]) -> None:
-        """Make an image of an address as a window of this size shows it."""
+    def shoot(self, name: str, address: str) -> None:
+        """Make an image of an address as a browser shows it."""
         try:
-            shot = screenshot(address, size)
+            shot = screenshot(address)
         except (WebDriverException, HTTPError):  # a browser that hangs: once more in another one
-            shot = screenshot(address, size)
+            shot = screenshot(address)
         self.keep(name, shot)
 
     def keep(self, name: str, image: np.ndarray) -> None:
@@ -126,15 +104,15 @@ class Pictures:
         if image.shape[1] > WIDEST:
             high = round(image.shape[0] * WIDEST / image.shape[1])
             image = cv2.resize(image, (WIDEST, high), interpolation=cv2.INTER_AREA)
-        path = self.output / f"{name}{self.suffix}.webp"
+        path = self.output / f"{name}.webp"
         cv2.imwrite(str(path), image, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
         self.made.append(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
-def screenshot(address: str, size: tuple[int, int]) -> np.ndarray:
+def screenshot(address: str) -> np.ndarray:
     """What a browser of its own shows at this address."""
-    width, height = size
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    width, height = WINDOW
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
     with headless.chromium("--hide-scrollbars") as chrome:
         chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         chrome.get(address)
@@ -147,12 +125,11 @@ def main(
     output: Path,
     work: Path = Path("semcal_images"),
     program: str = "semcal",
-    suffix: str = "",
     frames: int = 8,
     width: int = 1280,
     real: Path | None = None,
 ) -> Iterator[str]:
-    """Make the images, whose names get a suffix; what they show is kept in the folder `work`.
+    """Make the images; what they show is kept in the folder `work`.
 
     With --real, a folder of KITTI object, only those of its drive are made.
     """
@@ -160,7 +137,7 @@ def main(
     work.mkdir(parents=True, exist_ok=True)
     if headless.missing():
         sys.exit(headless.missing())
-    pictures = Pictures(output, work, program, suffix)
+    pictures = Pictures(output, work, program)
     if real is None:
         pictures.make(frames, width)
     else:
