@@ -299,3 +299,35 @@ def test_a_batch_fetches_a_network_once(hub: ModelHub, plain: Path, tmp_path: Pa
     result = invoke("batch", plain, "-o", tmp_path / "results", "--", *words)
     assert result.exit_code in (0, 3), result.output
     assert len(hub.fetched) == 3
+
+
+def test_a_downloaded_network_works_elsewhere_without_a_connection(
+    hub: ModelHub, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It keeps its name on the hub, and the hub's library finds it there."""
+    hub.add(NAME, repository(tmp_path / "repository"))
+    folder = tmp_path / "carried"
+    done = invoke("label", "--download", f"hf:{NAME}", "--to", folder)
+    assert done.exit_code == 0, done.output
+    files = [path for path in folder.rglob("*") if not path.is_dir()]
+    names = ["config.json", "main", "model.onnx", "preprocessor_config.json"]
+    assert sorted(path.name for path in files) == names
+    assert not any(path.is_symlink() for path in files)
+    close(hub, monkeypatch)
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "empty"))
+    assert invoke("label", plain, "--image-model", f"hf:{NAME}", "-o", tmp_path / "no").exit_code == 1
+    (model,) = folder.rglob("model.onnx")
+    for name, cache in ((model, tmp_path / "empty"), (f"hf:{NAME}", folder)):
+        monkeypatch.setattr(constants, "HF_HUB_CACHE", str(cache))
+        out = tmp_path / f"out_{cache.name}"
+        done = invoke("label", plain, "--image-model", name, "-o", out)
+        assert done.exit_code == 0, done.output
+        record = json.loads((out / "image_labels/semcal_label.json").read_text())
+        assert record["from"] == f"hf:{NAME}@{hub.commit(NAME)}:onnx/model.onnx"
+
+
+def test_a_file_of_the_user_is_not_downloaded(tmp_path: Path) -> None:
+    color_network(tmp_path / "net.onnx", stride=2, colors=STREET_COLORS)
+    done = invoke("label", "--download", tmp_path / "net.onnx", "--to", tmp_path / "carried")
+    assert done.exit_code == 1
+    assert "net.onnx: found a file of your own, needed a network on the hub" in str(done.exception)

@@ -153,14 +153,16 @@ class LabelSettings(ImageSettings, ThreadSettings):
     """Settings of `label`."""
 
     rules = [
-        one_of("--image-model", "--point-model", "--points", "--show"),
+        one_of("--image-model", "--point-model", "--points", "--show", "--download"),
         given("--points").excludes("--point-model"),
         given("--point-card").requires("--point-model", "--show"),
         given("--preview", "--probabilities").requires("--image-model", "--show", because="it is for images"),
-        one_of("-o", "--preview", "--show"),
-        given("--show").excludes(
+        one_of("-o", "--preview", "--show", "--to"),
+        given("--show", "--download").excludes(
             *("--image-model", "--point-model", "--points", "--preview", "-o"), because="it labels nothing"
         ),
+        given("--download").requires("--to"),
+        given("--to").requires("--download"),
     ]
     drive: Path | None = argument()
     probabilities: bool = option("Write class probabilities (.npz) instead of ids (.png).", default=False)
@@ -184,6 +186,10 @@ class LabelSettings(ImageSettings, ThreadSettings):
     show: str | None = option(
         "Print how semcal interprets a network, and try it. Needs no drive.", metavar="FILE|NAME"
     )
+    download: str | None = option(
+        "Fetch a network from the hub, for a machine without a connection. Needs no drive.", metavar="NAME"
+    )
+    to: Path | None = option("Folder for what --download fetches.", metavar="DIR")
     list_models: bool = option(
         "List the networks with short names, and exit.", default=False, is_eager=True, callback=_list_models
     )
@@ -207,7 +213,8 @@ def label(settings: LabelSettings) -> None:
     exit code is then 1.
     """
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.labelling.hub import find_model
+    from semcal_cli.errors import shell
+    from semcal_cli.labelling.hub import copy_network, find_model
     from semcal_cli.labelling.image_labeller import describe_model
     from semcal_cli.labelling.onnx_network import open_network
     from semcal_cli.threads import set_num_threads
@@ -219,6 +226,11 @@ def label(settings: LabelSettings) -> None:
             network = open_network(path, settings.device, settings.threads)
             for name, text in describe_model(network, settings.image_card or settings.point_card):
                 click.echo("\n".join(wrapped(name, text, SHOW_WIDTH)))
+            return
+        if settings.download is not None and settings.to is not None:
+            model = find_model(settings.download, settings.max_download_mb, terminal.on_event)
+            copy = copy_network(model, settings.to)
+            terminal.print(f"wrote {copy}", f"offline: semcal label DRIVE --image-model {shell(copy)} -o DRIVE")
             return
         if settings.drive is None:
             raise click.UsageError("Missing argument 'DRIVE'.")

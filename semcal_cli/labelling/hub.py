@@ -8,13 +8,14 @@ import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.config.file_limits import MAX_NETWORK_FILES
-from semcal_cli.errors import InputError, check_installed, listed, reason
+from semcal_cli.errors import InputError, check_installed, listed, mismatch, reason
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import make_folder, write_parts, write_text
@@ -39,6 +40,8 @@ EXTERNAL = ("_data", ".data")
 SNAPSHOT = re.compile(r"/models--([^/]+)/snapshots/([0-9a-f]{40})/(.+)$")
 """Path of a file in the cache: its repository, its commit and its name in the repository."""
 MEGABYTE = 1e6
+_PIECE_BYTES = 1 << 20
+"""Bytes that are copied at a time."""
 REFUSALS = (401, 403, 404)
 """HTTP statuses of a network that is private, gated or missing."""
 
@@ -126,6 +129,41 @@ def hub_name(path: Path) -> str | None:
     """Return the hub name, with its commit, of a file in the cache; None for any other file."""
     parts = SNAPSHOT.search(path.absolute().as_posix())
     return None if parts is None else f"{PREFIX}{parts[1].replace('--', '/', 1)}@{parts[2]}:{parts[3]}"
+
+
+def copy_network(model: Path, folder: Path) -> Path:
+    """Copy a network of the cache into a folder that is laid out like the cache, without links, to carry it elsewhere.
+
+    Args:
+        model: Its file in the cache.
+        folder: Where to; HF_HUB_CACHE may name it on the other machine.
+
+    Returns:
+        The copied model, which has its name on the hub and its licence there, too.
+
+    Raises:
+        InputError: the network is not from the hub, or cannot be copied.
+    """
+    path = model.absolute()
+    parts = SNAPSHOT.search(path.as_posix())
+    if parts is None:
+        raise InputError(f"{model}: {mismatch('a file of your own', f'a network on the hub: {SYNTAX}')}")
+    name = parts[3]
+    snapshot = path.parents[name.count("/")]
+    repository = snapshot.parents[1]
+    target = folder / repository.name
+    names = [path.relative_to(snapshot).as_posix() for path in snapshot.rglob("*") if path.is_file()]
+    for each in sorted(each for each in names if each in SIDECARS or each == name or _is_part(each, name)):
+        copy = target / "snapshots" / snapshot.name / each
+        make_folder(copy.parent)
+        with (snapshot / each).open("rb") as content:
+            write_parts(iter(partial(content.read, _PIECE_BYTES), b""), copy)
+    for reference in (repository / "refs").rglob("*"):
+        if reference.is_file() and reference.read_text() == snapshot.name:
+            copy = target / reference.relative_to(repository)
+            make_folder(copy.parent)
+            write_text(snapshot.name, copy)
+    return target / "snapshots" / snapshot.name / name
 
 
 def licence_of(path: Path) -> str | None:
