@@ -170,6 +170,9 @@ class EstimateSettings(RunSettings):
         default=(),
     )
     cues: tuple[CueName, ...] = cue_list()
+    options_file: Path | None = option(
+        "Take options from a YAML file, too. What is typed comes first.", "--config", metavar="FILE"
+    )
 
     @property
     def has_chosen_frames(self) -> bool:

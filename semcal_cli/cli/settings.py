@@ -17,7 +17,7 @@ from typing import Any, Generic, Literal, TypeVar, get_args, get_origin, get_typ
 
 import click
 
-from semcal_cli.cli.rules import given_parameters
+from semcal_cli.cli.rules import DEFAULT_MAP, given_parameters
 from semcal_cli.config.setting import KEY, settings_of
 from semcal_cli.errors import ChoiceError, InputError, MisplacedError, first_of
 from semcal_cli.files.output_files import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
@@ -32,6 +32,8 @@ WORDS = "semcal.words of "
 """Key of what was typed after the name of a command."""
 MAX_COMMANDS = 8
 """Largest number of commands that an error lists."""
+OPTIONS_FILE = "options_file"
+"""Name of the parameter for a file of options."""
 OPTIONS = "Options"
 """Heading in the help for options without a section of their own."""
 
@@ -266,7 +268,15 @@ class SettingsCommand(click.Command, Generic[Settings]):
             click.UsageError: the options break a rule, or both --json and another output go to standard output.
         """
         ctx.meta[f"{WORDS}{ctx.command_path}"] = [*args]
-        rest = super().parse_args(ctx, args)
+        file = self._read_options_file(ctx, args)
+        try:
+            rest = super().parse_args(ctx, args)
+        except click.BadParameter as error:
+            name = None if error.param is None else str(error.param.name)
+            if file is None or name is None or ctx.get_parameter_source(name) is not DEFAULT_MAP:
+                raise
+            key = str(error.param and error.param.opts[-1]).removeprefix("--")
+            raise InputError(f"{file}: {self.name}.{key}: {error.message}") from None
         if ctx.resilient_parsing:
             return rest
         if complaint := next(filter(None, (rule.complaint(ctx) for rule in self.rules)), None):
@@ -274,6 +284,22 @@ class SettingsCommand(click.Command, Generic[Settings]):
         if ctx.params.get("as_json"):
             _check_stdout_is_free(ctx)
         return rest
+
+    def _read_options_file(self, ctx: click.Context, args: list[str]) -> Path | None:
+        """Let what the file of --config states replace the defaults. Returns the file; None without one."""
+        from semcal_cli.cli.options_file import read_options
+
+        if ctx.resilient_parsing or not any(parameter.name == OPTIONS_FILE for parameter in self.params):
+            return None
+        values, _, _ = self.make_parser(ctx).parse_args(args=[*args])
+        if (file := values.get(OPTIONS_FILE)) is None:
+            return None
+        root = ctx.find_root()
+        known = (
+            root.command.list_commands(root) if isinstance(root.command, click.Group) else [str(self.name)]
+        )
+        ctx.default_map = read_options(Path(file), self, known) | dict(ctx.default_map or {})
+        return Path(file)
 
     def settings_in(self, ctx: click.Context) -> Settings:
         """Make the settings from the parsed parameters."""

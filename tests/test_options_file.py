@@ -1,0 +1,44 @@
+"""Options from a file: the same result as when they are typed, and errors that name the file and the key."""
+
+from pathlib import Path
+
+import pytest
+from commands import invoke
+
+HEAD = "semcal_options: 1\n"
+
+
+def test_options_of_a_file_are_those_that_are_typed(street: Path, tmp_path: Path) -> None:
+    """Files in it are relative to its folder, and what is typed comes first."""
+    (tmp_path / "team").mkdir()
+    (tmp_path / "team/start.yaml").symlink_to(street / "drive.yaml")
+    file = tmp_path / "team/options.yaml"
+    options = "init: start.yaml, cue: labels, frames: '0:2', seed: 5, no-polish: true"
+    file.write_text(f"{HEAD}calibrate: {{{options}}}\nverify: {{max-rotation-deg: 0.1}}\n")
+    words = ("--init", street, "--cue", "labels", "--frames", "0:2", "--no-polish")
+    typed = invoke("calibrate", street, *words, "--seed", "3", "--json")
+    read = invoke("calibrate", street, "--config", file, "--seed", "3", "--json")
+    assert typed.exit_code == read.exit_code == 0, read.output
+    assert read.stdout == typed.stdout
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("calibrate: {}", "add `semcal_options: 1`, which states the version of the file"),
+        (f"{HEAD}calib: {{}}", "`semcal --help` lists no command 'calib'"),
+        (f"{HEAD}calibrate: {{cues: edges}}", "calibrate.cues: `semcal calibrate --help` lists no such option"),
+        (f"{HEAD}calibrate: {{max-frames: -5}}", "calibrate.max-frames: -5 is not in the range x>=1."),
+        (f"{HEAD}calibrate: {{force: 1}}", "calibrate.force: found 1, needed true or false"),
+        (f"{HEAD}calibrate: {{exclude: a}}", "calibrate.exclude: found 'a', needed a list"),
+        (f"{HEAD}calibrate: {{seed: [1]}}", "calibrate.seed: found [1], needed one value"),
+        (f"{HEAD}calibrate: {{seed: }}", "calibrate.seed: found None, needed a number or a text"),
+        (f"{HEAD}calibrate: edges", "calibrate: found 'edges', needed a mapping of options"),
+    ],
+)
+def test_a_wrong_file_is_one_line(content: str, message: str, street: Path, tmp_path: Path) -> None:
+    file = tmp_path / "options.yaml"
+    file.write_text(content)
+    done = invoke("calibrate", street, "--config", file)
+    assert done.exit_code == 1
+    assert str(done.exception) == f"{file}: {message}"
