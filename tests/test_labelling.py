@@ -73,6 +73,7 @@ WAYS: dict[str, tuple[dict[str, Any], dict[str, object]]] = {
     ),
     "blue first": ({"colors": COLORS[:, ::-1]}, {"color": "bgr"}),
     "with a border": ({"size": (2 * HEIGHT, 2 * WIDTH + 32)}, {"fit": "letterbox"}),
+    "in a corner": ({"size": (2 * HEIGHT, 2 * WIDTH + 32)}, {"fit": "letterbox", "place": "corner"}),
     "four tiles": ({"size": (48, 64)}, {"fit": "tiles"}),
     "of a longer side": ({}, {"short_side": 8 * HEIGHT, "long_side": 2 * WIDTH}),
     "four tiles of a larger image": ({"size": (96, 128)}, {"fit": "tiles", "short_side": 2 * HEIGHT}),

@@ -31,7 +31,10 @@ def test_options_of_a_file_are_those_that_are_typed(street: Path, tmp_path: Path
     [
         ("calibrate: {}", "add `semcal_options: 1`, which states the version of the file"),
         (f"{HEAD}calib: {{}}", "`semcal --help` lists no command 'calib'"),
-        (f"{HEAD}calibrate: {{cues: edges}}", "calibrate.cues: `semcal calibrate --help` lists no such option"),
+        (
+            f"{HEAD}calibrate: {{cues: edges}}",
+            "calibrate.cues: `semcal calibrate --help` lists no such option",
+        ),
         (f"{HEAD}calibrate: {{max-frames: -5}}", "calibrate.max-frames: -5 is not in the range x>=1."),
         (f"{HEAD}calibrate: {{force: 1}}", "calibrate.force: found 1, needed true or false"),
         (f"{HEAD}calibrate: {{exclude: a}}", "calibrate.exclude: found 'a', needed a list"),

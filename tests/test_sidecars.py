@@ -193,7 +193,7 @@ OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str
         preprocessor(size={"shortest_edge": 640, "longest_edge": 640}, do_split_image=False, do_pad=True),
         ANY,
         MASKS,
-        NORMALISED | {"fit": "letterbox", "size": (640, 640), "short_side": None},
+        NORMALISED | {"fit": "letterbox", "place": "corner", "size": (640, 640), "short_side": None},
     ),
 }
 """Architecture, names, preprocessor_config.json, shape of the input and outputs, and what a card then says."""

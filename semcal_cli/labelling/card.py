@@ -26,6 +26,7 @@ CHANNELS = (1, 3)
 """Possible numbers of channels of an image."""
 
 ImageFit: TypeAlias = Literal["stretch", "letterbox", "tiles", "aspect"]
+Place: TypeAlias = Literal["center", "corner"]
 Color: TypeAlias = Literal["rgb", "bgr", "gray"]
 Layout: TypeAlias = Literal["channels_first", "channels_last"]
 OutputKind: TypeAlias = Literal["logits", "probabilities", "ids", "masks"]
@@ -103,6 +104,9 @@ class ImageCard(Card):
     fit: ImageFit = "stretch"
     """How an image is brought to that size: stretched; scaled and padded (letterbox); cut into overlapping tiles; or
     scaled to a size near it, in proportion (aspect)."""
+    place: Place = "center"
+    """Where a letterboxed image lies: in the middle, on the mean colour, or in the upper left corner, on black, as
+    transformers pads images."""
     overlap: Annotated[float, Field(ge=0.0, le=0.9)] = 0.25
     """Smallest overlap of neighbouring tiles, as a fraction of a tile."""
     resample: Resample | None = None
@@ -140,6 +144,8 @@ class ImageCard(Card):
             raise ValueError(f"short_side: {mismatch(f'size and fit: {self.fit}', 'no size, or fit: tiles')}")
         if self.fit == "aspect" and self.size is None:
             raise ValueError(f"fit: {mismatch('aspect without size', 'both')}")
+        if self.place != "center" and self.fit != "letterbox":
+            raise ValueError(f"place: {mismatch(f'fit: {self.fit}', 'fit: letterbox')}")
         if self.multiple != 1 and self.fit != "aspect":
             raise ValueError(f"multiple: {mismatch(f'fit: {self.fit}', 'fit: aspect')}")
         if self.mask_size is not None and self.kind != "masks":

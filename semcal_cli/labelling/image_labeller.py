@@ -53,7 +53,9 @@ class ImageLabeller:
         size = card.size_for(camera.width, camera.height)
         mean = [int(np.clip(round(value / card.scale), 0, 255)) for value in card.mean]
         padding = tuple(mean if card.color == "bgr" else reversed(mean)) * (3 // len(mean))
-        fitting = Fitting(size, card.fit, padding, card.overlap, card.resample, card.scaled_size)
+        if card.place == "corner":
+            padding = (0, 0, 0)
+        fitting = Fitting(size, card.fit, padding, card.overlap, card.place, card.resample, card.scaled_size)
         with name_in_errors(model.card_path):
             self.views = make_views(camera, fitting, is_rectified=is_rectified)
         levels = np.arange(256) * card.scale

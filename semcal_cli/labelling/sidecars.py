@@ -242,7 +242,8 @@ def _size(preprocessor: _Preprocessor, architecture: str, network: Network) -> d
     if keys.get("fit") == "tiles":
         return {key: value for key, value in keys.items() if key != "size"}
     keeps_aspect = "short_side" in keys or keys.get("fit") in ("aspect", "letterbox")
-    return {"fit": "letterbox" if keeps_aspect else "stretch"}
+    placed = {"place": keys["place"]} if "place" in keys else {}
+    return {"fit": "letterbox" if keeps_aspect else "stretch"} | placed
 
 
 def _fit(size: Mapping[str, int], preprocessor: _Preprocessor, architecture: str) -> dict[str, Any]:
@@ -258,7 +259,7 @@ def _fit(size: Mapping[str, int], preprocessor: _Preprocessor, architecture: str
     if preprocessor.do_split_image:
         return {"size": [side, side], "fit": "tiles", "short_side": side, "overlap": 0.0}
     if preprocessor.do_pad and side == longest and not architecture.startswith(BY_SHORTER_SIDE):
-        return {"size": [side, side], "fit": "letterbox"}
+        return {"size": [side, side], "fit": "letterbox", "place": "corner"}
     return {"short_side": side} | ({} if longest is None else {"long_side": longest})
 
 

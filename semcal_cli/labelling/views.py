@@ -19,7 +19,7 @@ from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.arrays import Image, Vectors
-from semcal_cli.labelling.card import ImageFit, Resample
+from semcal_cli.labelling.card import ImageFit, Place, Resample
 
 DrawView: TypeAlias = Callable[[Image], Image]
 
@@ -66,6 +66,8 @@ class Fitting:
     """Blue, green and red of the padding."""
     overlap: float
     """Smallest overlap of neighbouring tiles, as a fraction of a tile."""
+    place: Place = "center"
+    """Where a letterboxed image lies."""
     resample: Resample | None = None
     """Pillow filter; None for area averaging to shrink and bilinear to enlarge."""
     scaled_size: Callable[[tuple[int, int]], tuple[int, int]] = lambda size: size
@@ -268,6 +270,8 @@ def _parts(source: ViewPart, fitting: Fitting) -> Iterator[ViewPart]:
         across = down = min(across, down)
     scaled = (min(max(round(width * across), 1), columns), min(max(round(height * down), 1), rows))
     corner = (columns - scaled[0]) // 2, (rows - scaled[1]) // 2
+    if fitting.place == "corner":
+        corner = (0, 0)
     yield _make_part(source, (0, 0), source.size, scaled, corner, fitting)
 
 

@@ -42,6 +42,8 @@ STEEP = 4.0
 """Standard deviation of scores."""
 TASK_IDS = (49406, 518, 10549, 533, 29119, 1550, 49407) + (0,) * 70
 TASK = torch.tensor([TASK_IDS])
+PADDED = 288
+"""Side of a padded image."""
 SEEN = 0.01
 """Smallest share of pixels of a class that counts as seen."""
 BORDER_PX = 3
@@ -161,6 +163,14 @@ def eomt(name: str = "Eomt", **more: int) -> Network:
     return network(f"{name}ForUniversalSegmentation", processor, **VIT, **config, **more)
 
 
+def padded_eomt() -> Network:
+    """EoMT for panoptic segmentation, whose processor pads an image to a square."""
+    size = {"shortest_edge": PADDED, "longest_edge": PADDED}
+    processor = transformers.EomtImageProcessorPil(size=size, do_split_image=False, do_pad=True)
+    config = {"image_size": PADDED, "patch_size": 16, "num_blocks": 1, "num_queries": 20}
+    return network("EomtForUniversalSegmentation", processor, **VIT, **config)
+
+
 OVERLAP = "EoMT, an image of 16 to 9"
 """The row whose windows overlap; other rows have an image of 2 to 1."""
 NETWORKS: dict[str, Callable[[], Network]] = {
@@ -174,6 +184,7 @@ NETWORKS: dict[str, Callable[[], Network]] = {
     "EoMT": eomt,
     "EoMT of DINOv3": partial(eomt, "EomtDinov3", intermediate_size=96),
     OVERLAP: eomt,
+    "EoMT, padded, as trained on COCO": padded_eomt,
 }
 
 
@@ -267,6 +278,14 @@ def theirs(outputs: Outputs, processor: Any, inputs: Any, size: tuple[int, int])
     found = outputs(inputs["pixel_values"], TASK)
     fields = SimpleNamespace(**dict(zip(outputs.names, found, strict=True)))
     fields.patch_offsets = inputs.get("patch_offsets")
+    if getattr(processor, "do_pad", False) and hasattr(processor, "unpad_image"):
+        # The semantic post-processing would stretch the padding over the image; the panoptic one leaves it out.
+        masks = torch.nn.functional.interpolate(
+            fields.masks_queries_logits, (PADDED, PADDED), mode="bilinear"
+        )
+        classes = fields.class_queries_logits.softmax(-1)[..., :-1]
+        scores = torch.einsum("bqc,bqhw->bchw", classes, masks.sigmoid())
+        return np.asarray(processor.unpad_image(scores, [size], processor.size)[0].argmax(0))
     (labels,) = processor.post_process_semantic_segmentation(fields, target_sizes=[size])
     return np.asarray(labels)
 
