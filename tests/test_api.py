@@ -42,7 +42,7 @@ def test_points_are_projected_as_the_core_does(
     assert found.is_in_image.tolist() == np.isfinite(seen.ranges).tolist()
     np.testing.assert_allclose(found.pixels[found.is_in_image], seen.pixels[found.is_in_image], atol=1e-9)
     assert np.isnan(found.pixels[~found.is_in_front]).all()
-    with pytest.raises(InputError, match=r"^points: found shape \(3,\), needed \(N, 3\) or \(N, 4\)"):
+    with pytest.raises(InputError, match=r"^points: found shape \(3,\), expected \(N, 3\) or \(N, 4\)"):
         calibration.project([1.0, 2.0, 3.0])
 
 
@@ -59,7 +59,7 @@ def test_points_are_drawn_where_they_are_projected(
     assert np.abs(changed - (v, u)).max() <= 2
     assert calibration.overlay(image[..., 0], points).shape == image.shape
     with pytest.raises(
-        InputError, match=r"^image: found shape \(90, 160, 3\), needed \(180, 320\) or \(180, 320, 3\)"
+        InputError, match=r"^image: found shape \(90, 160, 3\), expected \(180, 320\) or \(180, 320, 3\)"
     ):
         calibration.overlay(image[::2, ::2], points)
 
@@ -74,7 +74,7 @@ def test_it_is_saved_whole_and_for_other_tools(calibration: semcal.Calibration, 
     written = yaml.safe_load((tmp_path / "camchain.yaml").read_text())
     np.testing.assert_allclose(written["cam0"]["T_cam_lidar"], calibration.T_camera_lidar, atol=1e-9)
     assert written["cam0"]["resolution"] == [320, 180]
-    with pytest.raises(InputError, match="found format 'no-such-tool', needed one of"):
+    with pytest.raises(InputError, match="found format 'no-such-tool', expected one of"):
         calibration.save(tmp_path / "nothing", to="no-such-tool")
 
 
@@ -128,7 +128,7 @@ def test_the_import_is_semcal_cli_beside_a_clone_too(tmp_path: Path) -> None:
 
 
 def test_an_unknown_argument_names_the_one_that_was_meant(synthetic: Drive) -> None:
-    with pytest.raises(InputError, match=r"^init: found an unknown argument, needed initial_pose$"):
+    with pytest.raises(InputError, match=r"^init: found an unknown argument, expected initial_pose$"):
         semcal.calibrate(synthetic, init=np.eye(4))  # type: ignore[call-arg]
 
 

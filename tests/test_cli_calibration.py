@@ -228,7 +228,7 @@ def test_a_calibration_in_the_format_of_another_tool(
     code, out, err = cli("calibrate", street, "--to", "text", "-o", tmp_path / "T.txt")
     assert (code, out) == (EXIT_FAILURE, "")
     assert err.startswith(
-        "semcal: error: --to text: found a transform without a stated direction, needed --to-direction "
+        "semcal: error: --to text: found a transform without a stated direction; add --to-direction "
     )
 
 
@@ -254,7 +254,7 @@ def test_a_matrix_of_no_stated_direction_is_a_start_with_one(
         code, _, err = cli(command, street, "--init", start)
         assert code == EXIT_FAILURE
         assert err == (
-            f"semcal: error: {start}: found a transform without a stated direction, needed --init-direction "
+            f"semcal: error: {start}: found a transform without a stated direction; add --init-direction "
             "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar\n"
         )
     options = ["--init", start, "--init-direction", "camera-to-lidar", "--json", "-q"]
@@ -266,7 +266,7 @@ def test_a_matrix_of_no_stated_direction_is_a_start_with_one(
     code, _, err = cli("refine", street, "--init", street, "--init-direction", "lidar-to-camera")
     assert code == EXIT_FAILURE
     assert err == (
-        "semcal: error: --init-direction: found 'lidar-to-camera', needed nothing: semcal files do not use it\n"
+        "semcal: error: --init-direction: found 'lidar-to-camera', expected nothing: semcal files do not use it\n"
     )
 
 

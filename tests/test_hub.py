@@ -147,7 +147,7 @@ def test_a_revision_is_a_branch_a_tag_or_a_commit(hub: ModelHub, tmp_path: Path)
         assert "classes   4: a, b, c, d" in shown.output
     assert hub_name(find_model(f"hf:{NAME}@v1", 1.0)) == f"hf:{NAME}@{commit}:onnx/model.onnx"
     assert "classes   4: sky, road" in invoke("label", "--show", f"hf:{NAME}").output
-    with pytest.raises(InputError, match="found no revision 'v2', needed a branch, a tag or a commit"):
+    with pytest.raises(InputError, match="found no revision 'v2', expected a branch, a tag or a commit"):
         find_model(f"hf:{NAME}@v2", 1.0)
 
 
@@ -211,7 +211,7 @@ def _other_file(hub: ModelHub, folder: Path) -> None:
     hub.add(NAME, folder)
 
 
-TERMS = f"needed access to it: accept its terms at http://.*/{NAME} and log in with `hf auth login`"
+TERMS = f"expected access to it: accept its terms at http://.*/{NAME} and log in with `hf auth login`"
 
 
 @pytest.mark.parametrize(
@@ -223,29 +223,29 @@ TERMS = f"needed access to it: accept its terms at http://.*/{NAME} and log in w
         (
             _only,
             f"hf:{NAME}",
-            r"found no ONNX file \(weights: pytorch_model\.bin\), needed a repository with onnx/",
+            r"found no ONNX file \(weights: pytorch_model\.bin\), expected a repository with onnx/",
         ),
         (
             _other_file,
             f"hf:{NAME}",
-            r"found no onnx/model\.onnx or model\.onnx among onnx/.*, onnx/net\.onnx, needed",
+            r"found no onnx/model\.onnx or model\.onnx among onnx/.*, onnx/net\.onnx, expected",
         ),
         (
             _other_file,
             f"hf:{NAME}:x.onnx",
-            r"found x\.onnx among onnx/.*, needed hf:lab/street:FILE with one of",
+            r"found x\.onnx among onnx/.*, expected hf:lab/street:FILE with one of",
         ),
         (
             _other_file,
             f"hf:{NAME}:pytorch_model.bin",
-            r"is not the name of an ONNX network on the hub, needed hf:OWNER/",
+            r"is not the name of an ONNX network on the hub, expected hf:OWNER/",
         ),
         (_other_file, f"hf:{NAME}:../x.onnx", "is not the name of an ONNX network on the hub"),
         (_other_file, "hf:street", "is not the name of an ONNX network on the hub"),
         (
             _other_file,
             "citiscapes",
-            "found network 'citiscapes', needed a file, hf:.*, or one of: cityscapes, ade20k",
+            "found network 'citiscapes', expected a file, hf:.*, or one of: cityscapes, ade20k",
         ),
     ],
 )

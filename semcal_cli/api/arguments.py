@@ -39,20 +39,20 @@ def as_data(drive: Data | None, arrays: ArrayInput) -> Data:
     for name in arrays.keys() - ArrayInput.__annotations__.keys():
         known = (*ARGUMENTS, *ArrayInput.__annotations__)
         needed = " or ".join(other for other in known if other.startswith(name)) or one_of(name, known)
-        raise InputError(f"{name}: found an unknown argument, needed {needed}")
+        raise InputError(f"{name}: found an unknown argument, expected {needed}")
     if drive is None and not arrays:
         raise InputError(
-            "drive: found nothing, needed a drive, or arrays: points, camera and the data that the cue compares"
+            "drive: found nothing, expected a drive, or arrays: points, camera and the data that the cue compares"
         )
     if drive is not None and arrays:
-        raise InputError(f"{min(arrays)}: found arrays and a drive, needed only one of the two")
+        raise InputError(f"{min(arrays)}: found arrays and a drive, expected only one of the two")
     if drive is None:
         return Drive.from_arrays(**arrays)
     if isinstance(drive, Path | str) and (source := recognise(Path(drive))) is not None:
         raise InputError(source.advice(Path(drive)))
     if not isinstance(drive, LoadedDrive | Drive | Path | str):
         raise InputError(
-            f"drive: found {type(drive).__name__}, needed a drive or its path; arrays have names"
+            f"drive: found {type(drive).__name__}, expected a drive or its path; arrays have names"
         )
     return drive
 
@@ -64,7 +64,7 @@ def as_initial_pose(transform: GivenTransform | None) -> InitialPose:
         InputError: there is none, it is not rigid, or its file is wrong.
     """
     if transform is None:
-        raise InputError("transform: found nothing, needed T_camera_lidar (4, 4), a calibration or a file")
+        raise InputError("transform: found nothing, expected T_camera_lidar (4, 4), a calibration or a file")
     if isinstance(transform, InitialPose):
         return transform
     if isinstance(transform, CalibrationDocument):
@@ -87,5 +87,5 @@ def with_cue(config: CalibrationConfig | None, cue: Cues | None) -> CalibrationC
     if cue is None:
         return config
     if isinstance(cue, bytes) or not isinstance(cue, Sequence):
-        raise InputError(f"cue: found {cue!r}, needed a name or a list of names")
+        raise InputError(f"cue: found {cue!r}, expected a name or a list of names")
     return replace(config, cues=(cue,) if isinstance(cue, str) else tuple(cue))

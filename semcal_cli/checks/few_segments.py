@@ -26,6 +26,5 @@ def check_segments(kinds: Sequence[str]) -> tuple[Finding, ...]:
     """Check that the points of a frame show all kinds of segments."""
     if len(kinds) == len(KINDS):
         return ()
-    shown = f"only {' and '.join(kinds)}" if kinds else "no segments"
-    needed = " and ".join(KINDS.values())
-    return (FEW_SEGMENTS.finding(f"its points show {shown}: --cue segments needs {needed}"),)
+    missing = " and no ".join(kind for kind in KINDS.values() if kind not in kinds)
+    return (FEW_SEGMENTS.finding(f"no {missing} found in this sweep, which --cue segments needs"),)

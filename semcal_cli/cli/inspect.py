@@ -65,7 +65,7 @@ def inspect(settings: InspectSettings) -> None:
     rig = find_rig(path)
     if settings.find_mask is not None:
         if rig is not None:
-            raise click.UsageError("--find-mask: found a rig, needed the drive of one camera.")
+            raise click.UsageError("--find-mask: found a rig, expected the drive of one camera.")
         _write_mask(read_drive(path, max_points), settings.find_mask)
         return
     drives = {"": read_drive(path, max_points)} if rig is None else rig.read_drives(max_points)
@@ -88,7 +88,7 @@ def _write_mask(drive: Drive, path: Path) -> None:
     from semcal_cli.observations.proposed_mask import propose_mask
 
     if path.suffix.lower() != ".png":
-        raise click.BadParameter(f"found suffix {path.suffix!r}, needed .png", param_hint="'--find-mask'")
+        raise click.BadParameter(f"found suffix {path.suffix!r}, expected .png", param_hint="'--find-mask'")
     own = drive.camera.mask
     before = drive.resolve(own) if isinstance(own, str) else None
     check_outputs([file for file in files_read(drive) if file != before], path)

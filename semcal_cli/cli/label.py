@@ -51,13 +51,13 @@ def _check_pair(ctx: click.Context, param: click.Parameter, names: tuple[str, ..
     if len(names) > MAX_NETWORKS:
         raise click.BadParameter(f"found {len(names)}, needed at most {MAX_NETWORKS}.", ctx, param)
     if len({*map(os.path.abspath, names)}) < len(names):  # it would agree with itself
-        raise click.BadParameter(f"found {names[0]} twice, needed two networks.", ctx, param)
+        raise click.BadParameter(f"found {names[0]} twice, expected two networks.", ctx, param)
     return names
 
 
 def _check_png(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
     if path is not None and path.suffix.lower() != ".png":
-        raise click.BadParameter(f"found {path}, needed a .png.", ctx, param)
+        raise click.BadParameter(f"found {path}, expected a .png.", ctx, param)
     return path
 
 
@@ -75,6 +75,7 @@ class ImageSettings:
         multiple=True,
         callback=_check_pair,
         default=(),
+        brief="Label the images by this network: an .onnx file, or a name of `label --list-models`.",
     )
     image_card: str | None = option(
         "Model card, which describes the input and output of the (first) network: the name of a ready card, such as "

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.config.file_limits import MAX_NETWORK_FILES
-from semcal_cli.errors import InputError, check_installed, listed, reason
+from semcal_cli.errors import InputError, check_installed, contrast, listed, reason
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import make_folder, write_parts, write_text
@@ -87,7 +87,7 @@ class HubName:
 
     def error(self, found: str, needed: str) -> InputError:
         """Make the error about this network."""
-        return InputError(f"{self.text}: found {found}, needed {needed}")
+        return InputError(f"{self.text}: {contrast(found, needed)}")
 
 
 def is_hub_name(name: str) -> bool:
@@ -109,13 +109,13 @@ def find_model(name: str, max_mb: float, on_event: Listener = ignore) -> Path:
     if not is_hub_name(name):
         if not Path(name).suffix and not Path(name).exists():
             raise InputError(
-                f"found network {name!r}, needed a file, {SYNTAX}, or one of: {', '.join(RECOMMENDED)}"
+                f"found network {name!r}, expected a file, {SYNTAX}, or one of: {', '.join(RECOMMENDED)}"
             )
         return Path(name)
     text = name if name.startswith(PREFIX) else PREFIX + RECOMMENDED[name].repository
     parts = NAME.fullmatch(text)
     if parts is None or ".." in text or (parts["revision"] or "").startswith("/"):
-        raise InputError(f"{text}: is not the name of an ONNX network on the hub, needed {SYNTAX}")
+        raise InputError(f"{text}: is not the name of an ONNX network on the hub, expected {SYNTAX}")
     hub = HubName(text, parts["repo"], parts["revision"] or "main", parts["file"])
     check_installed(text, "huggingface_hub", "label")
     with _translated_errors(hub):

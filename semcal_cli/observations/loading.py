@@ -175,7 +175,7 @@ def load(
         if config.cues not in (drive.cues, AUTO):
             found, needed = (" and ".join(names) for names in (drive.cues, config.cues))
             raise InputError(
-                f"{drive.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
+                f"{drive.drive.path}: found a drive loaded by {found}, expected one loaded by {needed}"
             )
         return drive.with_camera(with_sigma(drive.drive.camera, config.refinement.jointly)).with_settings(
             config.refinement

@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from semcal_cli.documentation import entry_address
+from semcal_cli.errors import signed
 from semcal_cli.report.notations import T_notation, pair_notation
 from semcal_cli.result.provenance import versions
 
@@ -25,7 +26,7 @@ ENVIRONMENT = Environment(
 )
 """Templates by their path in the package."""
 ENVIRONMENT.globals |= {"T_notation": T_notation, "pair_notation": pair_notation}
-ENVIRONMENT.filters |= {"signed": lambda text: text.replace("+-", "\u00b1"), "counted": "{:,}".format}
+ENVIRONMENT.filters |= {"signed": signed, "counted": "{:,}".format}
 
 
 class Reason(NamedTuple):

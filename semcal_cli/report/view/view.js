@@ -223,7 +223,7 @@
     const found = await ask("refine", asked());
     leave();
     begin(found.T);
-    tell([`${found.title}. ${found.figures.replaceAll("+-", "\u00b1")}`, ...found.reasons].join("\n"), found.status);
+    tell([`${found.title}. ${found.figures}`, ...found.reasons].join("\n"), found.status);
   });
   const saved = (found) => {
     if (found.path === null) {
