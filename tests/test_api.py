@@ -1,5 +1,6 @@
 """What a program does with a calibration: project, draw, save, show; and many drives in one call."""
 
+import inspect
 import re
 import subprocess
 import sys
@@ -42,7 +43,7 @@ def test_points_are_projected_as_the_core_does(
     assert found.is_in_image.tolist() == np.isfinite(seen.ranges).tolist()
     np.testing.assert_allclose(found.pixels[found.is_in_image], seen.pixels[found.is_in_image], atol=1e-9)
     assert np.isnan(found.pixels[~found.is_in_front]).all()
-    with pytest.raises(InputError, match=r"^points: found shape \(3,\), expected \(N, 3\) or \(N, 4\)"):
+    with pytest.raises(InputError, match=r"^points: found shape \(3,\), needed \(N, 3\) or \(N, 4\)"):
         calibration.project([1.0, 2.0, 3.0])
 
 
@@ -59,7 +60,7 @@ def test_points_are_drawn_where_they_are_projected(
     assert np.abs(changed - (v, u)).max() <= 2
     assert calibration.overlay(image[..., 0], points).shape == image.shape
     with pytest.raises(
-        InputError, match=r"^image: found shape \(90, 160, 3\), expected \(180, 320\) or \(180, 320, 3\)"
+        InputError, match=r"^image: found shape \(90, 160, 3\), needed \(180, 320\) or \(180, 320, 3\)"
     ):
         calibration.overlay(image[::2, ::2], points)
 
@@ -137,6 +138,28 @@ def test_without_a_start_the_error_speaks_of_arguments(synthetic: Drive) -> None
         semcal.calibrate(synthetic, cue="edges")
     assert str(error.value).endswith("; give initial_pose, or image_labels with cue=('segments', 'edges')")
     assert "--" not in str(error.value)
+
+
+def test_errors_of_the_pipeline_speak_of_arguments(synthetic: Drive) -> None:
+    limits = semcal.Limits(delay_s=0.01)
+    with pytest.raises(InputError, match=r"expected poses or a twist for limits\.delay_s$"):
+        semcal.verify(synthetic, synthetic.T_camera_lidar, limits)
+
+
+def test_a_calibration_is_printed_in_about_ten_lines(calibration: semcal.Calibration) -> None:
+    lines = str(calibration).splitlines()
+    assert len(lines) <= 10
+    assert lines[0].startswith("Trusted. ±")
+    doubted = calibration.model_copy(update={"status": "not_trusted", "reasons": ("why", "and why")})
+    assert str(doubted).splitlines()[-1] == "reason          why (and 1 more in .reasons)"
+    assert repr(calibration) == str(calibration)
+
+
+def test_help_lists_the_arrays_and_shows_no_address() -> None:
+    said = f"{inspect.signature(semcal.calibrate)} {semcal.calibrate.__doc__}"
+    assert "0x" not in said
+    for name in semcal.ArrayInput.__annotations__:
+        assert re.search(rf"\b{name}\b", said.partition("**arrays:")[2])
 
 
 def test_a_recording_in_the_place_of_a_drive_names_its_import(tmp_path: Path) -> None:
