@@ -109,7 +109,7 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
     code, out, err = cli("initialize", street, "--log", tmp_path / "log.json")
     assert code == 0
     assert yaml.safe_load(out)["status"] == "not_assessed"
-    assert "mountings compared" in err
+    assert "candidate mountings compared" in err
     assert [stage["name"] for stage in json.loads((tmp_path / "log.json").read_text())["stages"]] == [
         "load",
         "initial",

@@ -111,7 +111,7 @@ def test_the_command_takes_the_library_s_variables_and_then_needs_no_network(
         num_fetched = len(hub.fetched)
         cold = run("cold", HF_ENDPOINT=hub.address, HF_HUB_OFFLINE="1", HF_HOME=str(tmp_path / "empty"))
         assert cold.returncode == 1
-        assert "found no copy in the cache, and http" in cold.stderr
+        assert "cannot reach http" in cold.stderr
         assert len(cold.stderr.splitlines()) == 1
     offline = run("offline", HF_HUB_OFFLINE="1")
     assert offline.returncode == 0, offline.stderr
@@ -127,13 +127,11 @@ def test_a_hub_out_of_reach_or_broken_leaves_what_the_cache_has(
     path = find_model(f"hf:{NAME}", 1.0)
     hub.is_broken = True
     assert find_model(f"hf:{NAME}", 1.0) == path
-    with pytest.raises(
-        InputError, match=r"hf:lab/other: found no copy in the cache, and http.* failed \(.*503"
-    ):
+    with pytest.raises(InputError, match=r"hf:lab/other: cannot reach http.* \(.*503"):
         find_model("hf:lab/other", 1.0)
     close(hub, monkeypatch)
     assert find_model(f"hf:{NAME}", 1.0) == path
-    with pytest.raises(InputError, match=r"hf:lab/street@v1: found no copy in the cache, and http://127"):
+    with pytest.raises(InputError, match=r"hf:lab/street@v1: cannot reach http://127"):
         find_model(f"hf:{NAME}@v1", 1.0)
 
 

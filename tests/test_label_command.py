@@ -286,7 +286,7 @@ OF_CARDS: tuple[tuple[dict[str, object], str], ...] = (
     ({"fit": "aspect"}, "fit: found aspect without size, expected both"),
     (
         {"fit": "aspect", "size": [96, 64]},
-        r"fit: found aspect; choose another: the size of .*net\.onnx is fixed",
+        r"fit: found aspect, expected another: the size of .*net\.onnx is fixed",
     ),
     ({"multiple": 32}, "multiple: found fit: stretch, expected fit: aspect"),
     ({"classes": "cityscape"}, "classes: found class table 'cityscape', expected a file or one of: "),

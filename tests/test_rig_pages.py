@@ -113,7 +113,7 @@ def test_what_is_suspicious_with_any_camera_stands_first(rig: Path, tmp_path: Pa
     with edited(out / "camera_1") as drive:
         drive["camera"]["K"][0][2] += 400.0
     lines = invoke("inspect", out).stdout.splitlines()
-    assert lines[0].startswith("suspicious  camera_1: ")
+    assert lines[0].startswith("warning     camera_1: ")
     assert [line for line in lines if line.startswith("[")] == [f"[{name}]" for name in NAMES]
     first = lines.index("[camera_0]")
     assert not any(line.startswith("suspicious") for line in lines[first:])

@@ -102,20 +102,27 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
     return MOTION.measured(motion_error_px, sentence).findings
 
 
-def check_unstated(drive: Drive, observations: Observations) -> tuple[Finding, ...]:
+def check_unstated(
+    drive: Drive, num_scenes: int, num_frames: int, *, have_times: bool
+) -> tuple[Finding, ...]:
     """Check that a drive whose points have times gives the motion that smears its sweeps.
 
     At a steady speed all frames are off alike, so that their labels do not tell it.
+
+    Args:
+        drive: The drive.
+        num_scenes: Number of scenes that its frames show.
+        num_frames: Number of its frames.
+        have_times: Whether points have the times at which they were measured.
     """
-    if not observations.have_times or not _is_unknown(drive, observations):
+    if not have_times or not _is_unknown(drive, num_scenes, num_frames):
         return ()
     return (MOTION.finding(f"the sweeps have point times, {UNSTATED}")._replace(advice=STATE_MOTION),)
 
 
-def _is_unknown(drive: Drive, observations: Observations) -> bool:
+def _is_unknown(drive: Drive, num_scenes: int, num_frames: int) -> bool:
     """Whether the drive gives no motion, and its frames do not show a rig that stands: several of one scene."""
-    stands = len(set(observations.scenes)) == 1 < observations.num_frames
-    return drive.motion is None and not stands
+    return drive.motion is None and not num_scenes == 1 < num_frames
 
 
 def check_shutter(
@@ -137,7 +144,7 @@ def check_shutter(
     if can_be_unrolled(observations):
         note = "this method does not compensate for the rolling shutter: all rows count as the middle one"
         return (), () if is_compensated else (note,)
-    if _is_unknown(drive, observations):
+    if _is_unknown(drive, len(set(observations.scenes)), observations.num_frames):
         return (SHUTTER.finding(f"the shutter rolls, {UNSTATED}")._replace(advice=STATE_MOTION),), ()
     open_shutter = "the rolling shutter is not compensated, because the drive gives no direction of motion"
     error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])

@@ -86,5 +86,5 @@ def describe_mountings(search: Initialization) -> str:
     if margin is None:
         return "mounting found, no other one to compare with"
     if margin >= MIN_RUNNER_UP_MARGIN:
-        return f"{count} mountings compared, the best one is clear"
-    return f"{count} mountings compared, another one fits {'almost as well' if margin >= 0.0 else 'better'}"
+        return f"{count} candidate mountings compared, the best one is clear"
+    return f"{count} candidate mountings compared; two fit about equally well, so the refined poses decide"

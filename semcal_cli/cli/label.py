@@ -229,7 +229,7 @@ def label(settings: LabelSettings) -> None:
 def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> None:
     """Label a drive, draw the preview, and report what was done."""
     from semcal_cli.drive.document import output_drive_file, read_drive
-    from semcal_cli.errors import InputError, counted
+    from semcal_cli.errors import InputError, counted, shell
     from semcal_cli.labelling.labelled_drive import label_drive
     from semcal_cli.labelling.second_labels import record_second_labels, second_file
     from semcal_cli.observations.frame_selection import evenly_spaced
@@ -255,6 +255,8 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
         f"wrote {done.path}: {counted(done.num_frames, 'frame')} in {perf_counter() - start:.1f} s{reused}",
         *(f"failed: {failure}" for failure in failures),
     )
+    if not failures:
+        terminal.print(f"next: {shell('calibrate', settings.output, '-o', 'calibration.yaml')}")
     if failures:
         raise InputError(f"{len(failures)} of {len(indices)} frames failed; {next(iter(failures))}")
 

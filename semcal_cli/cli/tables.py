@@ -151,9 +151,9 @@ def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
     return [f"{label:<{indent}}{first}".rstrip(), *(f"{'':<{indent}}{line}" for line in rest)]
 
 
-def labelled(label: str, line: str) -> str:
+def labelled(label: str, line: str, indent: int = LABEL_WIDTH) -> str:
     """Put a label before a line that is never wrapped, such as a path."""
-    return f"{label:<{LABEL_WIDTH}}{for_people(line)}"
+    return f"{label:<{indent}}{for_people(line)}"
 
 
 def _label_rows(calibration: CalibrationDocument) -> Rows:

@@ -219,7 +219,9 @@ def _check_options(format: Format, options: FormatOptions) -> None:
             f"{prefix}camera, {prefix}lidar: found {options.camera!r} for both, expected two names"
         )
     for name in ("direction", "frame", "camera", "lidar"):
-        if values[name] is not None and name not in format.asks:
+        is_known = format is semcal.FORMAT and values[name] == "lidar-to-camera"  # what the file says, too
+        if values[name] is not None and name not in format.asks and not is_known:
             raise InputError(
-                f"{prefix}{name}: found {values[name]!r}, expected nothing: {format.name} files do not use it"
+                f"{prefix}{name}: found {values[name]!r}, but {format.name} files state it themselves or have none; "
+                "leave it out"
             )

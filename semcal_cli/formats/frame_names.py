@@ -78,8 +78,11 @@ def apply_direction(where: str, T: Pose, options: FormatOptions) -> Pose:
         InputError: the user does not state the direction either.
     """
     if options.direction is None:
-        needed = f"add {options.prefix}direction lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
-        raise InputError(f"{where}: found a transform without a stated direction; {needed}")
+        found = "found a transform without a stated direction"
+        if options.is_written:  # whatever the file that is read states
+            found = "this format may hold either direction"
+        directions = "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
+        raise InputError(f"{where}: {found}; add {options.prefix}direction {directions}")
     return T if options.direction == "lidar-to-camera" else inverse(T)
 
 

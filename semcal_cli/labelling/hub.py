@@ -264,8 +264,11 @@ def _find_cached(hub: HubName, endpoint: str, error: Exception) -> Path:
         path = huggingface_hub.try_to_load_from_cache(hub.repo, file, revision=hub.revision)
         if isinstance(path, str):
             return Path(path)
-    needed = "a connection, or a copy from an earlier run"
-    raise hub.error(f"no copy in the cache, and {endpoint} failed ({reason(error)[:200]})", needed)
+    raise InputError(
+        f"{hub.text}: cannot reach {endpoint} ({reason(error)[:200]}), and the network is not cached. Fetch it where "
+        f"there is a network, and copy the cache ({huggingface_hub.constants.HF_HUB_CACHE}) here; or calibrate without "
+        "labels, from a start: --init FILE"
+    )
 
 
 @contextmanager

@@ -57,7 +57,7 @@ LOOKS_LIKE = "looks-like"
 SENTENCES: dict[Verdict, str] = {
     "pass": "The transform still holds on this drive.",
     "fail": "The camera is not where the transform says. Calibrate again, or find out what moved it.",
-    "inconclusive": "This drive cannot show whether the transform still holds. Try more frames, or other places.",
+    "inconclusive": "This drive does not constrain the transform well enough. Add frames from other places.",
 }
 MISREAD = "The transform does not hold as it was read. Correct how it is written or read, and verify again."
 """Sentence for a transform that looks like a mistake, since nothing then says that the camera moved."""

@@ -219,7 +219,7 @@
     }
   }
   const onClick = (id, doing, work) => byId(id) && byId(id).addEventListener("click", () => during(doing, work));
-  onClick("refine", "Refining, which takes a few seconds.", async () => {
+  onClick("refine", "Refining, which takes seconds to a minute.", async () => {
     const found = await ask("refine", asked());
     leave();
     begin(found.T);
