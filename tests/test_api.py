@@ -82,7 +82,7 @@ def test_it_is_saved_whole_and_for_other_tools(calibration: semcal.Calibration, 
 def test_a_notebook_shows_the_verdict_the_interval_and_the_image(calibration: semcal.Calibration) -> None:
     shown = calibration._repr_html_()
     assert "Trusted:" in shown
-    assert re.search(r"\u00b1 [0-9.]+ mm", shown)
+    assert re.search(r"\u00b1[0-9.]+ mm", shown)
     assert 'src="data:image/jpeg;base64,' in shown
     assert "<script" not in shown
     assert len(shown) < 100_000

@@ -187,7 +187,8 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
         off_m, off_deg = uncertainty.intrinsics_cost.together
         errors = "errors of 1 px in cx, cy and 0.1 % in fx, fy"
         moved = f"{lengths([off_m])} and {figure(off_deg)} degrees"
-        rows.append(("sensitivity", f"to K: {errors} would move the camera by {moved}"))
+        label = "" if uncertainty.label_bleed is not None else "sensitivity"
+        rows.append((label, f"to K: {errors} would move the camera by {moved}"))
     return rows
 
 
