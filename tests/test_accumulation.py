@@ -119,7 +119,7 @@ def test_a_rig_that_moves_needs_a_motion_that_fits(moving: MovingStreet, tmp_pat
     assert result.exit_code == 1
     assert "expected a motion that fits the sweeps" in str(result.exception)
     result = invoke("accumulate", with_keys(path, motion={"speed_m_s": 6.0}), "-o", tmp_path / "dense")
-    assert "motion: found a speed without a direction, expected the motion" in str(result.exception)
+    assert "motion: found a speed without a direction, expected `motion:`" in str(result.exception)
     assert not (tmp_path / "dense").exists()
 
 

@@ -132,7 +132,7 @@ def test_the_policy_of_a_cue_takes_effect(installed: Path, street: Path, tmp_pat
     semcal("refine", street, "--init", street, *asked, "--max-frames", 2, packages=installed, code=3)
     made = read_calibration(path)
     assert made.settings.options["refinement"]["starts"]["num_starts"] == [8, 4, 2]  # type: ignore[index, call-overload]
-    few = "the frames show 2 places, needed at least 3 for brightness: add frames from other places"
+    few = "the frames show 2 places; at least 3 are needed for brightness: add frames from other places"
     assert few in made.reasons
 
 

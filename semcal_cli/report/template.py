@@ -16,6 +16,13 @@ from semcal_cli.report.notations import T_notation, pair_notation
 from semcal_cli.result.provenance import versions
 
 PACKAGE = Path(__file__).parents[1]
+
+
+def _shown(value: Any) -> Any:
+    """Write the intervals of a text with plus-minus signs; all pages are UTF-8."""
+    return type(value)(signed(value)) if isinstance(value, str) and "+- " in value else value
+
+
 ENVIRONMENT = Environment(
     loader=PackageLoader("semcal_cli", "."),
     autoescape=True,
@@ -23,10 +30,11 @@ ENVIRONMENT = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
     keep_trailing_newline=True,
+    finalize=_shown,
 )
 """Templates by their path in the package."""
 ENVIRONMENT.globals |= {"T_notation": T_notation, "pair_notation": pair_notation}
-ENVIRONMENT.filters |= {"signed": signed, "counted": "{:,}".format}
+ENVIRONMENT.filters |= {"counted": "{:,}".format}
 
 
 class Reason(NamedTuple):
