@@ -37,7 +37,7 @@ impl OpenFile {
         if size <= MAX_POINTER_BYTES && is_pointer(&mut file).map_err(|e| read_error(path, e))? {
             return Err(Error::file(
                 path,
-                "found a Git LFS pointer, needed the file itself: run `git lfs pull`",
+                "found a Git LFS pointer, expected the file itself: run `git lfs pull`",
             ));
         }
         Ok(Self { path: path.to_owned(), file, size })

@@ -44,7 +44,7 @@ impl Trajectory {
     pub fn through(stamps: &[f64], poses: &[Isometry3<f64>]) -> Result<Self> {
         if stamps.len() != poses.len() {
             let found = format!("found {} poses at {} times", poses.len(), stamps.len());
-            return Err(Error::Input(format!("{found}, needed one at each")));
+            return Err(Error::Input(format!("{found}, expected one at each")));
         }
         let [start, .., end] = stamps else {
             return Err(Error::Input(format!("found {} poses, needed at least 2", poses.len())));
@@ -54,7 +54,7 @@ impl Trajectory {
             let seconds = pair[1] - pair[0];
             if seconds.is_nan() || seconds <= 0.0 {
                 let found = format!("found time {} after {}", pair[1], pair[0]);
-                return Err(Error::Input(format!("{found}, needed times that ascend")));
+                return Err(Error::Input(format!("{found}, expected times that ascend")));
             }
             let twist_per_s = log(&ends[0].inv_mul(&ends[1])) / seconds;
             knots.push(Knot { stamp: pair[0], pose: ends[0], twist_per_s });

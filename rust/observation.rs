@@ -250,7 +250,9 @@ impl Partitions {
         let num_rows = num_segments * num_partitions;
         if num_partitions < 2 || !ids.len().is_multiple_of(num_partitions) {
             let found = format!("found {} ids of {num_partitions} partitions", ids.len());
-            return Err(Error::Input(format!("{found}, needed a null partition and all ids of each point")));
+            return Err(Error::Input(format!(
+                "{found}, expected a null partition and all ids of each point"
+            )));
         }
         if num_rows > usize::from(u16::MAX) {
             let most = usize::from(u16::MAX) / num_partitions;

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import difflib
 import gc
+import re
 import shlex
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -19,6 +21,9 @@ MAX_LISTED_LENGTH = 40
 MAX_COMPARED, MAX_COMPARED_LENGTH = 1000, 64
 """Maximum number of names that are compared with another one, and of their characters: the time grows with the square
 of the length, and a file can hold any name."""
+COMPARED = re.compile(r"[-+]?\d|at (most|least)|(more|less) than|fewer|norm|[\[(]")
+"""How an expected value begins that a person compares with the found one."""
+PLUS_MINUS = re.compile(r"(\d )?\+- ?")
 MAX_MORE_DIGITS = 6
 """Maximum number of digits that are added to tell two numbers apart."""
 
@@ -42,15 +47,15 @@ class MisplacedError(InputError):
 class ChoiceError(InputError):
     """The input holds several things of a kind, of which the user has to choose one by options."""
 
-    def __init__(self, problem: str, needed: str = "", choices: Iterable[tuple[str, ...]] = ()) -> None:
+    def __init__(self, problem: str, expected: str = "", choices: Iterable[tuple[str, ...]] = ()) -> None:
         """Make the error.
 
         Args:
             problem: What was found.
-            needed: The things to choose from, for those who have no command line.
+            expected: The things to choose from, for those who have no command line.
             choices: The words that each of them adds to a command, such as `("--image", "/left/image_raw")`.
         """
-        super().__init__(f"{problem}, needed {needed}" if needed else problem)
+        super().__init__(f"{problem}, expected {expected}" if expected else problem)
         self.problem, self.choices = problem, tuple(choices)
 
 
@@ -63,7 +68,7 @@ class OccupiedError(InputError):
         Args:
             problem: What was found.
         """
-        super().__init__(f"{problem}, needed another -o, or --force")
+        super().__init__(f"{problem}; choose another -o, or --force")
         self.problem = problem
 
 
@@ -91,9 +96,30 @@ def printable(text: str) -> str:
     return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
 
 
-def mismatch(found: object, needed: object) -> ValueError:
+def signed(text: str) -> str:
+    """Write intervals with a plus-minus sign, as people read them; files keep "+-", which every encoding has."""
+    return PLUS_MINUS.sub(lambda sign: f"{sign[1]}± " if sign[1] else "±", text)
+
+
+def for_people(text: str) -> str:
+    """Write a line of the terminal: printable, and with plus-minus signs where both streams can encode them."""
+    text = printable(text)
+    try:
+        for stream in (sys.stdout, sys.stderr):
+            "±".encode(getattr(stream, "encoding", None) or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return text
+    return signed(text)
+
+
+def mismatch(found: object, expected: object) -> ValueError:
     """Make the error that a validator raises for a wrong value."""
-    return ValueError(f"found {found}, needed {needed}")
+    return ValueError(contrast(found, expected))
+
+
+def contrast(found: object, expected: object) -> str:
+    """Say what was found and what was expected: "needed" before a number or a limit, which a person compares."""
+    return f"found {found}, {'needed' if COMPARED.match(str(expected)) else 'expected'} {expected}"
 
 
 def describe(value: object) -> str:
@@ -206,7 +232,7 @@ def check_installed(requester: str, package: str, extra: str) -> None:
         InputError: it is not installed.
     """
     if not is_installed(package):
-        raise InputError(f"{requester}: found no {package}, needed {describe_extra(extra)}")
+        raise InputError(f"{requester}: found no {package}; install {describe_extra(extra)}")
 
 
 def check_torch(requester: str) -> None:
@@ -232,7 +258,7 @@ def torch_import() -> Iterator[None]:
     except (ImportError, OSError) as error:
         message = " ".join(str(error).split())
         raise InputError(
-            f"torch: found an installation that cannot be imported ({message}), needed {describe_extra('mine')}"
+            f"torch: found an installation that cannot be imported ({message}); install {describe_extra('mine')} again"
         ) from None
     finally:
         if was_enabled:

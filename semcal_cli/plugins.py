@@ -73,7 +73,9 @@ class Plugins:
             self._leave_out(name, f"cannot be imported: {type(error).__name__}: {error}")
             return None
         if not isinstance(plugin, kind):
-            self._leave_out(name, f"found an object of class {type(plugin).__name__}, needed {kind.__name__}")
+            self._leave_out(
+                name, f"found an object of class {type(plugin).__name__}, expected {kind.__name__}"
+            )
             return None
         self._loaded[name] = plugin
         return plugin
@@ -118,14 +120,14 @@ class Plugins:
         for entry in sorted(entry_points(group=self.group), key=lambda entry: (_package(entry), entry.name)):
             if not NAME.fullmatch(entry.name):
                 _warn(
-                    entry, "found this name, needed letters, digits, '_', '.' and '-', not '-' or '.' first"
+                    entry, "found this name, expected letters, digits, '_', '.' and '-', not '-' or '.' first"
                 )
                 continue
             if entry.name not in (*self.own_names, *entries):
                 entries[entry.name] = entry
                 continue
             holder = "semcal" if entry.name in self.own_names else _package(entries[entry.name])
-            _warn(entry, f"found a name that {holder} already has, needed another")
+            _warn(entry, f"found a name that {holder} already has; choose another")
         return entries
 
     def _leave_out(self, name: str, reason: str) -> None:

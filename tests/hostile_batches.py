@@ -14,12 +14,12 @@ from semcal_cli.many.batch.folders import MARK
 BOTH = ("batch", "drive", "other", "-o")
 QUICK = ("--", "--no-polish", "--search-deg", "5", "--init", "other")
 PRECIOUS = "a year of work\n"
-APART = "needed a folder apart from the drives$"
-NEEDED = "needed a folder that is new, empty or from a batch$"
+APART = "expected a folder apart from the drives$"
+NEEDED = "expected a folder that is new, empty or from a batch$"
 WHOLE_BATCH = r"^summary +out/summary.csv, out/summary.jsonl$"
 """Last line of a batch that did all drives, whatever became of them."""
-ONE_LINE = "found an invalid file name, needed one line of UTF-8 text of at most 4,095 bytes"
-TAKEN = "a file of the batch, needed another name"
+ONE_LINE = "found an invalid file name, expected one line of UTF-8 text of at most 4,095 bytes"
+TAKEN = "a file of the batch; choose another name"
 UNKNOWN = f"which no batch wrote, {NEEDED}"
 
 
@@ -149,13 +149,13 @@ FOLDERS: dict[str, Hostile] = {
         link("out/drive/log.txt", "precious"), "out", rf"out/drive: found log.txt, {UNKNOWN}", "precious"
     ),
     "a link for a drive's results": refused(
-        link("out/drive", "other"), "out", r"out/drive: found a link, needed a folder or nothing$"
+        link("out/drive", "other"), "out", r"out/drive: found a link, expected a folder or nothing$"
     ),
     **{
         f"a link for {name}": refused(
             link(f"out/{name}", "precious"),
             "out",
-            rf"out/{name}: found a link, needed a file or nothing$",
+            rf"out/{name}: found a link, expected a file or nothing$",
             "precious",
         )
         for name in (".lock", "summary.jsonl")
@@ -165,18 +165,18 @@ PIPES: dict[str, Hostile] = {
     "a pipe for the summary": Hostile(
         pipe("out/summary.csv"),
         (*BOTH, "out"),
-        r"^semcal: error: out/summary.csv: found a pipe, needed a file or nothing$",
+        r"^semcal: error: out/summary.csv: found a pipe, expected a file or nothing$",
     ),
     "a pipe for a drive's log, and a good drive": Hostile(
         pipe("out/drive/log.txt"),
         (*BOTH, "out", *QUICK),
         WHOLE_BATCH,
-        check=reason_is("out/drive/log.txt: found a pipe, needed a file or nothing"),
+        check=reason_is("out/drive/log.txt: found a pipe, expected a file or nothing"),
     ),
     "a pipe for an experiment's results": Hostile(
         pipe("out/pairs/results.jsonl"),
         ("experiment", "pairs", "--seeds", "1", "-o", "out"),
-        r"^semcal: error: out/pairs/results.jsonl: found a pipe, needed a file or nothing$",
+        r"^semcal: error: out/pairs/results.jsonl: found a pipe, expected a file or nothing$",
     ),
 }
 NAMES: dict[str, Hostile] = {

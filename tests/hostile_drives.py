@@ -58,7 +58,7 @@ HOSTILE: dict[str, tuple[Edit, str]] = {
     "no frames": (lambda d, p: d.update(frames=[]), r"drive.yaml: frames.*"),
     "frame without labels": (
         lambda d, p: d["frames"][1].pop("image_labels"),
-        r"drive.yaml: frames\[points/000001.bin\].image_labels: found nothing, needed a file of class ids",
+        r"drive.yaml: frames\[points/000001.bin\].image_labels: found nothing, expected a file of class ids",
     ),
     "one class only": (
         lambda d, p: d.update(classes={"points": {"all": list(range(1, 256))}}),

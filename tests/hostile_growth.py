@@ -202,7 +202,7 @@ KINDS: dict[str, Growth] = {
     "YAML keys of one hash": Growth(
         keys_of_one_hash,
         INSPECT,
-        "found key 2305843009213693951, needed text or at most 4,294,967,295$",
+        "found key 2305843009213693951, expected text or at most 4,294,967,295$",
         2,
         40_000,
     ),
@@ -265,7 +265,7 @@ KINDS: dict[str, Growth] = {
     "sweeps that do not fit": Growth(
         unfitting_sweeps,
         ("odometry", "drive", "-o", "poses.txt"),
-        "found 8 sweeps, 0.1 s apart, needed consecutive",
+        "found 8 sweeps, 0.1 s apart, expected consecutive",
         200,
         20_000,
     ),

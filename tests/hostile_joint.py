@@ -26,12 +26,12 @@ def all_round(folder: Path) -> None:
 
 JOINT: dict[str, Hostile] = {
     "k1 of an image all round": refused(
-        r"--refine-intrinsics: found 'k1', needed names of equirectangular: fx, fy, cx, cy$",
+        r"--refine-intrinsics: found 'k1', expected names of equirectangular: fx, fy, cx, cy$",
         *("--refine-intrinsics", "fx,k1"),
         make=all_round,
     ),
     "a speed alone for the clock": refused(
-        r"motion: found no direction of motion, needed poses or a twist for --estimate-delay$",
+        r"motion: found no direction of motion, expected poses or a twist for --estimate-delay$",
         "--estimate-delay",
         make=drive_with("motion", value={"speed_m_s": 12.0}),
     ),
@@ -44,6 +44,6 @@ JOINT: dict[str, Hostile] = {
     "no motion for the clock of a verification": Hostile(
         nothing,
         ("verify", "drive", "drive", "-q", "--max-delay-ms", "5"),
-        r"drive\.yaml: motion: found no direction of motion, needed poses or a twist for --max-delay-ms$",
+        r"drive\.yaml: motion: found no direction of motion, expected poses or a twist for --max-delay-ms$",
     ),
 }

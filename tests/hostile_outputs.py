@@ -115,27 +115,27 @@ STREAMS: dict[str, Hostile] = {
     "a plot without a suffix": Hostile(
         calibration_with("status", value="trusted"),
         ("fleet", "c.json", "--plot", "-"),
-        r"^semcal: error: /dev/stdout: found suffix '', needed \.png or \.svg$",
+        r"^semcal: error: /dev/stdout: found suffix '', expected \.png or \.svg$",
     ),
     "the file of standard output by its name": Hostile(
         nothing,
         (*VERIFY, ".stdout"),
-        r"^semcal: error: \.stdout: found the file that the shell writes to, needed another name$",
+        r"^semcal: error: \.stdout: found the file that the shell writes to; choose another name$",
     ),
     "a descriptor that is not open": Hostile(
         nothing,
         (*VERIFY, "/dev/fd/77"),
-        r"/dev/fd/77: found a descriptor that is not open, needed one to write",
+        r"/dev/fd/77: found a descriptor that is not open, expected one to write",
     ),
     "a descriptor to read from": Hostile(
         nothing,
         (*VERIFY, "/dev/stdin"),
-        r"/dev/stdin: found a descriptor that is open only for reading, needed one to",
+        r"/dev/stdin: found a descriptor that is open only for reading, expected one to",
     ),
     "a pipe that nothing reads": Hostile(
         pipe("pipe"),
         (*VERIFY, "pipe"),
-        r"^semcal: error: pipe: found a pipe that nothing reads, needed a reader$",
+        r"^semcal: error: pipe: found a pipe that nothing reads, expected a reader$",
         check=is_still_a_pipe,
     ),
     "a full device": Hostile(

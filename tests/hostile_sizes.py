@@ -77,12 +77,12 @@ DOCUMENTS = {
     "a list of drives of 2 GB": Hostile(
         zeros("list.txt", b"drive\n", 2 << 30),
         ("batch", "list.txt", "-o", "out"),
-        error("list.txt: found more than 16 MiB, needed a list of drives"),
+        error("list.txt: found more than 16 MiB, expected a list of drives"),
     ),
     "a drive.yaml of twelve million tiny values": Hostile(
         text("drive/drive.yaml", "- a\n- []\n", 1_500_000),
         ("inspect", "drive"),
-        r"^semcal: error: drive/drive.yaml: found a list of 3000000, needed a mapping$",
+        r"^semcal: error: drive/drive.yaml: found a list of 3000000, expected a mapping$",
     ),
     "a drive.yaml of empty lists": Hostile(
         text("drive/drive.yaml", "[],", 4_000_000, before="[", after="]"),
@@ -92,7 +92,7 @@ DOCUMENTS = {
     "a drive of wrong frames": Hostile(
         text("drive.json", "{},", 5_000_000, before='{"semcal_drive": 1, "frames": [', after="{}]}"),
         ("inspect", "drive.json"),
-        r"^semcal: error: drive.json: camera: found nothing, needed a value$",
+        r"^semcal: error: drive.json: camera: found nothing, expected a value$",
     ),
     "a drive of a million names of classes": Hostile(
         lambda folder: (folder / "drive.json").write_text(
@@ -112,17 +112,17 @@ DOCUMENTS = {
 OF_FRAMES = {
     f"a pipe for {key} {name}": Hostile(pipe_of_frame(key, name), command, error(f"drive/{name}: {line}"))
     for key, name, command, line in (
-        ("points", "a.las", CALIBRATE, "found a special file, needed a file"),
+        ("points", "a.las", CALIBRATE, "found a special file, expected a file"),
         ("points", "a.pcd", CALIBRATE, NO_FILE),
         ("image_labels", "a.png", CALIBRATE, NO_FILE),
-        ("image", "a.png", INTENSITY, "found a special file, needed a file"),
+        ("image", "a.png", INTENSITY, "found a special file, expected a file"),
     )
 }
 PIPES = {
     "a pipe for a drive": Hostile(
         instead("drive/drive.yaml"),
         ("inspect", "drive"),
-        error("drive/drive.yaml: found a special file, needed a file"),
+        error("drive/drive.yaml: found a special file, expected a file"),
     ),
     **OF_FRAMES,
 }

@@ -66,7 +66,7 @@ def transforms(document: Any) -> list[Any]:
     return [*inner, *([document["T_camera_lidar"]] if "T_camera_lidar" in document else [])]
 
 
-NAME = r"^semcal: error: kit.yaml: found sensors {}, needed --{} to name (one of them|the LiDAR's own)$"
+NAME = r"^semcal: error: kit.yaml: found sensors {}; add --{} to name (one of them|the LiDAR's own)$"
 READ = ("convert", "kit.yaml", "--to", "semcal")
 TRANSFORMS: dict[str, Hostile] = {
     "a part of a word makes a camera no LiDAR": Hostile(
@@ -93,12 +93,12 @@ TRANSFORMS: dict[str, Hostile] = {
     "a token and a channel of one sensor": Hostile(
         table,
         ("convert", "calibrated_sensor.json", "--to", "semcal", "--camera", "b", "--lidar", "LIDAR_TOP"),
-        "found one sensor as camera and LiDAR, 'b' and 'LIDAR_TOP', needed two sensors$",
+        "found one sensor as camera and LiDAR, 'b' and 'LIDAR_TOP', expected two sensors$",
     ),
     "the LiDAR's usual name for the camera": Hostile(
         lambda folder: None,
         ("convert", "drive", "--to", "tf2", "--to-camera", "lidar"),
-        "--to-camera, --to-lidar: found 'lidar' for both, needed two names$",
+        "--to-camera, --to-lidar: found 'lidar' for both, expected two names$",
     ),
 }
 

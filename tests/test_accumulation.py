@@ -111,32 +111,32 @@ def test_a_rig_that_moves_needs_a_motion_that_fits(moving: MovingStreet, tmp_pat
     path = moving.write(tmp_path / "drive", count=NUM_SWEEPS, images=[5])
     result = invoke("accumulate", path, "-o", tmp_path / "dense")
     assert result.exit_code == 1
-    assert "the rig moves, needed the motion: `semcal odometry` estimates it" in str(result.exception)
+    assert "the rig moves, expected `motion:`, which `semcal odometry`" in str(result.exception)
     rows = np.loadtxt(tmp_path / "drive/true.txt")
     rows[:, 1:4] *= 3.0
     np.savetxt(tmp_path / "drive/wrong.txt", rows)
     result = invoke("accumulate", with_keys(path, motion={"poses": "wrong.txt"}), "-o", tmp_path / "dense")
     assert result.exit_code == 1
-    assert "needed a motion that fits the sweeps" in str(result.exception)
+    assert "expected a motion that fits the sweeps" in str(result.exception)
     result = invoke("accumulate", with_keys(path, motion={"speed_m_s": 6.0}), "-o", tmp_path / "dense")
-    assert "motion: found a speed without a direction, needed the motion" in str(result.exception)
+    assert "motion: found a speed without a direction, expected `motion:`" in str(result.exception)
     assert not (tmp_path / "dense").exists()
 
 
 def test_what_cannot_be_accumulated_is_named(standing: MovingStreet, tmp_path: Path) -> None:
     path = standing.write(tmp_path / "drive", count=4, images=[1])
     for changes, options, needed in (
-        ({}, ["-o", tmp_path / "drive"], "found the drive to accumulate, needed another -o"),
+        ({}, ["-o", tmp_path / "drive"], "found the drive to accumulate; choose another -o"),
         ({}, ["--max-points", "30000"], "points of 4 sweeps, needed at most 30,000: accumulate fewer sweeps"),
         (
             {2: {"point_labels": None}},
             [],
-            "frames[000002.pcd].point_labels: found nothing, needed labels of all",
+            "frames[000002.pcd].point_labels: found nothing, expected labels of all",
         ),
         (
             {2: {"points_stamp": None}},
             [],
-            "frames[000002.pcd].points_stamp: found nothing, needed a time, or --s",
+            "frames[000002.pcd].points_stamp: found nothing, expected a time, or --s",
         ),
         ({1: {"image": None, "image_labels": None}}, [], "found no frame with an image or label image"),
     ):

@@ -1,5 +1,6 @@
 """What a program does with a calibration: project, draw, save, show; and many drives in one call."""
 
+import inspect
 import re
 import subprocess
 import sys
@@ -74,14 +75,14 @@ def test_it_is_saved_whole_and_for_other_tools(calibration: semcal.Calibration, 
     written = yaml.safe_load((tmp_path / "camchain.yaml").read_text())
     np.testing.assert_allclose(written["cam0"]["T_cam_lidar"], calibration.T_camera_lidar, atol=1e-9)
     assert written["cam0"]["resolution"] == [320, 180]
-    with pytest.raises(InputError, match="found format 'no-such-tool', needed one of"):
+    with pytest.raises(InputError, match="found format 'no-such-tool', expected one of"):
         calibration.save(tmp_path / "nothing", to="no-such-tool")
 
 
 def test_a_notebook_shows_the_verdict_the_interval_and_the_image(calibration: semcal.Calibration) -> None:
     shown = calibration._repr_html_()
     assert "Trusted:" in shown
-    assert re.search(r"\u00b1 [0-9.]+ mm", shown)
+    assert re.search(r"\u00b1[0-9.]+ mm", shown)
     assert 'src="data:image/jpeg;base64,' in shown
     assert "<script" not in shown
     assert len(shown) < 100_000
@@ -128,7 +129,7 @@ def test_the_import_is_semcal_cli_beside_a_clone_too(tmp_path: Path) -> None:
 
 
 def test_an_unknown_argument_names_the_one_that_was_meant(synthetic: Drive) -> None:
-    with pytest.raises(InputError, match=r"^init: found an unknown argument, needed initial_pose$"):
+    with pytest.raises(InputError, match=r"^init: found an unknown argument, expected initial_pose$"):
         semcal.calibrate(synthetic, init=np.eye(4))  # type: ignore[call-arg]
 
 
@@ -137,6 +138,28 @@ def test_without_a_start_the_error_speaks_of_arguments(synthetic: Drive) -> None
         semcal.calibrate(synthetic, cue="edges")
     assert str(error.value).endswith("; give initial_pose, or image_labels with cue=('segments', 'edges')")
     assert "--" not in str(error.value)
+
+
+def test_errors_of_the_pipeline_speak_of_arguments(synthetic: Drive) -> None:
+    limits = semcal.Limits(delay_s=0.01)
+    with pytest.raises(InputError, match=r"expected poses or a twist for limits\.delay_s$"):
+        semcal.verify(synthetic, synthetic.T_camera_lidar, limits)
+
+
+def test_a_calibration_is_printed_in_about_ten_lines(calibration: semcal.Calibration) -> None:
+    lines = str(calibration).splitlines()
+    assert len(lines) <= 10
+    assert lines[0].startswith("Trusted. ±")
+    doubted = calibration.model_copy(update={"status": "not_trusted", "reasons": ("why", "and why")})
+    assert str(doubted).splitlines()[-1] == "reason          why (and 1 more in .reasons)"
+    assert repr(calibration) == str(calibration)
+
+
+def test_help_lists_the_arrays_and_shows_no_address() -> None:
+    said = f"{inspect.signature(semcal.calibrate)} {semcal.calibrate.__doc__}"
+    assert "0x" not in said
+    for name in semcal.ArrayInput.__annotations__:
+        assert re.search(rf"\b{name}\b", said.partition("**arrays:")[2])
 
 
 def test_a_recording_in_the_place_of_a_drive_names_its_import(tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def test_a_camera_takes_the_numbers_of_numpy() -> None:
     ("given", "complaint"),
     [
         ({"width": 0}, "width: found 0, needed more than 0"),
-        ({"width": np.float64(320)}, "width: found 320.0, needed a whole number"),
+        ({"width": np.float64(320)}, "width: found 320.0, expected a whole number"),
         ({"K": np.eye(4)}, "K[0]: found a list of 4, needed at most 3"),
         ({"distortion": np.zeros(3)}, "distortion: found 3 coefficients, needed 0 or 4 or 5 for plumb_bob"),
         ({"hight": 180}, "unknown key 'hight'; the nearest known key is 'height'"),
@@ -174,40 +174,40 @@ def test_what_is_wrong_with_a_camera_is_said_in_a_line(given: dict[str, Any], co
 @pytest.mark.parametrize(
     ("given", "complaint"),
     [
-        ({"camera": None}, "camera: found NoneType, needed semcal.Camera"),
-        ({"points": []}, "points: found nothing, needed an array (N, 3) or (N, 4) for each frame"),
+        ({"camera": None}, "camera: found NoneType, expected semcal.Camera"),
+        ({"points": []}, "points: found nothing, expected an array (N, 3) or (N, 4) for each frame"),
         ({"points": [np.ones((100, 2))]}, "points[0]: found shape (100, 2), needed (N, 3) or (N, 4)"),
-        ({"points": 3}, "points: found int, needed a list with an array for each frame"),
-        ({"point_times": 0.1}, "point_times: found float, needed a list with an entry for each frame"),
-        ({"points_stamps": ["noon"]}, "points_stamps[0]: found 'noon', needed seconds"),
-        ({"name": Path("a")}, "name: found PosixPath('a'), needed text"),
-        ({"points": [[[1, 2, 3]]]}, "points[0]: found list, needed an array of shape (N, 3) or (N, 4)"),
-        ({"points": [POINTS.astype(str)]}, "points[0]: found <U32, needed numbers"),
+        ({"points": 3}, "points: found int, expected a list with an array for each frame"),
+        ({"point_times": 0.1}, "point_times: found float, expected a list with an entry for each frame"),
+        ({"points_stamps": ["noon"]}, "points_stamps[0]: found 'noon', expected seconds"),
+        ({"name": Path("a")}, "name: found PosixPath('a'), expected text"),
+        ({"points": [[[1, 2, 3]]]}, "points[0]: found list, expected an array of shape (N, 3) or (N, 4)"),
+        ({"points": [POINTS.astype(str)]}, "points[0]: found <U32, expected numbers"),
         (
             {"points": [0 * POINTS]},
-            "points[0]: found no points, needed coordinates that are finite and not all zero",
+            "points[0]: found no points, expected coordinates that are finite and not all zero",
         ),
         ({"images": []}, "images: found 0 entries, needed 1, one for each entry of points"),
         ({"images": [LABELS[1:]]}, "images[0]: found shape (179, 320), needed (180, 320) or (180, 320, 3)"),
-        ({"images": [LABELS / 255]}, "images[0]: found float64, needed uint8"),
-        ({"image_labels": [LABELS / 255]}, "image_labels[0]: found float64, needed ids as whole numbers"),
+        ({"images": [LABELS / 255]}, "images[0]: found float64, expected uint8"),
+        ({"image_labels": [LABELS / 255]}, "image_labels[0]: found float64, expected ids as whole numbers"),
         (
             {"image_labels": [LABELS - np.int64(1)]},
-            "image_labels[0]: found the id -1, needed ids from 0 to 65535",
+            "image_labels[0]: found the id -1, expected ids from 0 to 65535",
         ),
         (
             {"image_labels": [np.full((180, 320, 2), -0.5)]},
             "image_labels[0]: item 0: holds -0.5, a probability is finite and not negative",
         ),
         ({"point_labels": [LABELS[0]]}, "point_labels[0]: found shape (320,), needed (50,) or (50, C)"),
-        ({"point_times": [np.arange(50)]}, "point_times[0]: found int64, needed seconds as floats"),
+        ({"point_times": [np.arange(50)]}, "point_times[0]: found int64, expected seconds as floats"),
         ({"poses": np.eye(4)}, "poses: found shape (4, 4), needed (M, 8)"),
-        ({"motion": {"poses": "a.txt"}}, "arrays: motion.poses: found 'a.txt', needed 'poses', the array"),
+        ({"motion": {"poses": "a.txt"}}, "arrays: motion.poses: found 'a.txt', expected 'poses', the array"),
         (
             {"image": [LABELS]},
-            "image: found an unknown argument, needed one of 20, nearest: images, ",
+            "image: found an unknown argument, expected one of 20, nearest: images, ",
         ),
-        ({"image_labels": [None]}, "arrays: frames[points[0]].image_labels: found nothing, needed a file"),
+        ({"image_labels": [None]}, "arrays: frames[points[0]].image_labels: found nothing, expected a file"),
         ({"lidar": {"channels": 1}}, "arrays: lidar.channels: found 1, needed at least 2"),
     ],
 )
@@ -224,15 +224,17 @@ def test_what_is_wrong_with_arrays_is_said(given: dict[str, Any], complaint: str
 
 
 def test_a_drive_or_arrays_are_needed(synthetic: Drive) -> None:
-    with pytest.raises(InputError, match="drive: found nothing, needed a drive, or arrays"):
+    with pytest.raises(InputError, match="drive: found nothing, expected a drive, or arrays"):
         semcal.calibrate()
-    with pytest.raises(InputError, match="images: found arrays and a drive, needed only one of the two"):
+    with pytest.raises(InputError, match="images: found arrays and a drive, expected only one of the two"):
         semcal.calibrate(synthetic, images=[LABELS])
-    with pytest.raises(InputError, match="drive: found ndarray, needed a drive or its path"):
+    with pytest.raises(InputError, match="drive: found ndarray, expected a drive or its path"):
         semcal.calibrate(POINTS)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="transform: found nothing, needed"):
+    with pytest.raises(InputError, match="transform: found nothing, expected"):
         semcal.verify(synthetic)
-    with pytest.raises(InputError, match="transform: found no array of real numbers, needed a 4 x 4 matrix"):
+    with pytest.raises(
+        InputError, match="transform: found no array of real numbers, expected a 4 x 4 matrix"
+    ):
         semcal.verify(synthetic, np.eye(4) + 1j)
-    with pytest.raises(InputError, match="cue: found 3, needed a name or a list of names"):
+    with pytest.raises(InputError, match="cue: found 3, expected a name or a list of names"):
         semcal.refine(synthetic, np.eye(4), cue=3)  # type: ignore[arg-type]

@@ -119,7 +119,7 @@ def test_a_k_of_resized_images_is_converted_only_on_request(tmp_path: Path) -> N
     other = small(tmp_path / "other", info=info(width=64, height=48, K=K.ravel()))
     assert "--resized" not in refused(other, tmp_path / "none")
     problem = refused(other, tmp_path / "none", is_resized=True)
-    assert problem == "--resized: found images of 16 x 16 pixels, needed the aspect of 64 x 48, as K has"
+    assert problem == "--resized: found images of 16 x 16 pixels, expected the aspect of 64 x 48, as K has"
 
 
 @pytest.mark.parametrize(("quaternion", "direction"), [([0, 0, 0, 1], "up"), ([1, 0, 0, 0], "down")])
@@ -233,16 +233,16 @@ def test_a_spin_gives_the_times_that_points_lack(fields: list[str], tmp_path: Pa
     assert all(np.linalg.norm(frame.cloud.points - measured, axis=1).max() > 0.5 for frame in frames)
     for wrong in ("10:cw", "10:left:0", "0:cw:0", "10:cw:0:late", "10:cw:0:end:1"):
         result = run_cli("import", "bag", path, "--spin", wrong, "-o", tmp_path / "drive", code=2)
-        assert f"found '{wrong}', needed HZ:cw|ccw:SEAM_DEG[:start|middle|end], such as" in result.stderr
+        assert f"found '{wrong}', expected HZ:cw|ccw:SEAM_DEG[:start|middle|end], such as" in result.stderr
 
 
 FAR = pose_from_mounting([0, 0, 0], [500.0, 0, 0])
 TURNS: dict[str, tuple[dict[str, Maker], dict[str, Any], str]] = {
     "no such topic": ({"odom": odometry("lidar")}, {"motion": "/x"},
-                      "--motion: found no topic '/x' of poses, needed one of: /odom"),
+                      "--motion: found no topic '/x' of poses, expected one of: /odom"),
     "a frame that stands": ({"tf": fixed({("map", "lidar"): T_MOUNT})}, {"motion": "/tf"},
                             "--motion /tf: found the moving frames none"),
-    "a pose of nothing": ({"pose": SOURCES["pose"][0]["pose"]}, {"motion": "/pose"}, "needed --motion-frame FRAME"),
+    "a pose of nothing": ({"pose": SOURCES["pose"][0]["pose"]}, {"motion": "/pose"}, "add --motion-frame FRAME"),
     "another body": ({"odom": odometry("gps")}, {"motion": "/odom"}, "--motion /odom: found poses of 'gps'"),
 }  # fmt: skip
 
@@ -406,7 +406,7 @@ def test_sweeps_of_another_frame_are_left_out(tmp_path: Path) -> None:
 
     found = done(small(tmp_path, points=points), tmp_path / "drive")
     assert found.written.num_frames == 3
-    assert found.left_out["sweeps: found frame 'rear', needed 'front'"] == 3
+    assert found.left_out["sweeps: found frame 'rear', expected 'front'"] == 3
 
 
 def test_frames_are_spread_along_the_way(tmp_path: Path) -> None:

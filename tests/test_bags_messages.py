@@ -265,7 +265,7 @@ def test_mosaics_in_jpeg_become_colours_and_colours_keep_their_bytes() -> None:
     assert file_of(bag, message).content == colored
     for of_colors in (message, bag.image(COLORS, "bgr8", START_NS)):
         with pytest.raises(
-            MessageError, match="found a colour image, needed a grey one: --bayer rggb states"
+            MessageError, match="found a colour image, expected a grey one: --bayer rggb states"
         ):
             file_of(bag, of_colors, "rggb")
 
@@ -307,7 +307,7 @@ def test_of_one_camera_s_encodings_the_raw_one_is_taken(tmp_path: Path) -> None:
     below = small(tmp_path / "below", **{"cam": image(), "points/front": cloud()})
     assert "found 2 topics of" in refused(below, tmp_path / "none")  # another camera, and another LiDAR
     two = small(tmp_path / "two", **again, **{"other/image_raw": image()})
-    found = "found 1 topic of sweeps and 2 topics of images, needed one pair: --image /cam/image_raw,"
+    found = "found 1 topic of sweeps and 2 topics of images, expected one pair: --image /cam/image_raw,"
     assert f"{found} --image /other/image_raw" in refused(two, tmp_path / "none")
 
 
@@ -318,23 +318,23 @@ LIES: dict[str, tuple[dict[str, Maker], str]] = {
     "points": ({"points": cloud(data=np.zeros(5, np.uint8))}, "found 5 bytes of points, needed 320"),
     "many points": ({"points": cloud(width=4_000_000_000)}, "found 4,000,000,000 points"),
     "no points": ({"points": cloud(width=0)}, "found a cloud without points"),
-    "no fields": ({"points": cloud(fields=[])}, "found the fields none, needed x, y and z"),
+    "no fields": ({"points": cloud(fields=[])}, "found the fields none, expected x, y and z"),
     "no pixels": ({"image": image(data=[])}, "found 0 bytes of pixels, needed 768"),
     "step": ({"image": image(step=7)}, "found step 7, needed 48"),
     "size": ({"image": image(width=0)}, "found an image of 0 x 16 pixels"),
     "huge": ({"image": image(width=1 << 31, height=1 << 31)}, "needed at most 100,000,000"),
-    "encoding": ({"image": image("32FC1")}, "found encoding '32FC1', needed one of: mono8"),
+    "encoding": ({"image": image("32FC1")}, "found encoding '32FC1', expected one of: mono8"),
     "other size": ({"image": image(width=8, step=24)}, "found an image of 8 x 16 pixels, needed 16 x 16"),
     "empty": ({"image": compressed(b"")}, "found 0 bytes of"),
     "other format": ({"image": compressed(b"RIFF1234WEBP")}, "found 12 bytes of"),
     "JPEG": ({"image": compressed(b"\xff\xd8\xff\xe0")}, "found 4 bytes of"),
     "PNG": ({"image": compressed(b"\x89PNG\r\n\x1a\n")}, "found 8 bytes of"),
-    "K": ({"info": info(K=np.zeros(9))}, "/cam/camera_info: K: found zeros only, needed a calibrated camera"),
+    "K": ({"info": info(K=np.zeros(9))}, "/cam/camera_info: K: found zeros only, expected a calibrated camera"),
     "lens": ({"info": info(distortion_model="odd")},
-             "/cam/camera_info: distortion_model: found 'odd', needed one of: plumb_bob"),
+             "/cam/camera_info: distortion_model: found 'odd', expected one of: plumb_bob"),
     "no camera": ({"info": nothing}, "found no topic of intrinsics (CameraInfo), only"),
     "no images": ({"image": nothing}, "found no topic of images (Image, CompressedImage, video), only"),
-    "two sweeps": ({"rear": cloud()}, "found 2 topics of sweeps and 1 topic of images, needed one pair: "
+    "two sweeps": ({"rear": cloud()}, "found 2 topics of sweeps and 1 topic of images, expected one pair: "
                    "--points /points, --points /rear"),
 }  # fmt: skip
 

@@ -52,7 +52,7 @@ def test_only_a_drive_of_the_same_recording_is_replaced(synthetic: Drive, tmp_pa
     other = write_drive_as_bag(synthetic, tmp_path / "other", "ros1")
     before = {file: file.read_bytes() for file in out.rglob("*") if file.is_file()}
     with pytest.raises(
-        InputError, match=r"drive\.yaml: found a drive of other data, needed another -o, or --force"
+        InputError, match=r"drive\.yaml: found a drive of other data; choose another -o, or --force"
     ):
         import_bag(BagRequest([other]), out)
     assert {file: file.read_bytes() for file in out.rglob("*") if file.is_file()} == before

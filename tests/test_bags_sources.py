@@ -99,7 +99,7 @@ def test_frames_of_a_video_are_decoded_from_the_key_frame_before_them(tmp_path: 
     [
         (lambda bag, index, stamp: bag.packet(b"\0\0\1\1", "h264", stamp), "without a key frame"),
         (lambda bag, index, stamp: bag.packet(b"\0\0\1\5", "h264", stamp), "damaged video frame"),
-        (lambda bag, index, stamp: bag.packet(b"", "vp8", stamp), "'vp8', needed H.264, H.265 or AV1"),
+        (lambda bag, index, stamp: bag.packet(b"", "vp8", stamp), "'vp8', expected H.264, H.265 or AV1"),
     ],
 )
 def test_a_video_that_cannot_be_decoded_is_named(images: Any, told: str, tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     monkeypatch.setattr(
         "semcal_cli.errors.find_spec", lambda name: None if name == missing else find_spec(name)
     )
-    needed = f"found no {missing}, needed the extra '{extra}': pip install 'semcal[{extra}]'"
+    needed = f"found no {missing}; install the extra '{extra}': pip install 'semcal[{extra}]'"
     assert refused(path, tmp_path / "drive").endswith(f"{needed}, in a clone: pip install '.[{extra}]'")
 
 
@@ -184,13 +184,13 @@ def in_json(**changes: Any) -> Any:
 
 X = {"name": "x", "offset": 0, "type": 7}
 HOSTILE_JSON: dict[str, tuple[str, Any, str]] = {
-    "negative offset": ("points", {"fields": [X | {"offset": -4}]}, "found offset -4, needed a whole number"),
-    "negative size": ("image", {"width": -2, "height": -2, "step": -1}, "found height -2, needed a whole"),
+    "negative offset": ("points", {"fields": [X | {"offset": -4}]}, "found offset -4, expected a whole number"),
+    "negative size": ("image", {"width": -2, "height": -2, "step": -1}, "found height -2, expected a whole"),
     "wide step": ("image", {"step": 10**30}, "found step 1000000000"),
-    "number for bytes": ("image", {"data": 10**9}, "found data 1000000000, needed bytes"),
+    "number for bytes": ("image", {"data": 10**9}, "found data 1000000000, expected bytes"),
     "stamp": ("points", {"timestamp": {"sec": 10**320, "nsec": 0}}, "found a stamp of 100000"),
-    "surrogate": ("points", {"fields": [X | {"name": "\ud800"}]}, "found the fields ?, needed x, y and z"),
-    "no text": ("points", {"frame_id": None}, "found frame_id nothing, needed a string"),
+    "surrogate": ("points", {"fields": [X | {"name": "\ud800"}]}, "found the fields ?, expected x, y and z"),
+    "no text": ("points", {"frame_id": None}, "found frame_id nothing, expected a string"),
     "many fields": ("points", {"fields": [X] * 200}, "found 200 fields, needed at most 128"),
     "P": ("info", {"P": [1.0, 2.0]}, "/cam/camera_info: found 2 numbers in P, needed 12"),
     "many values": ("info", {"D": [0] * (1 << 20)}, "of JSON with 1,0"),
@@ -211,7 +211,7 @@ def test_the_frame_is_that_of_the_first_message_that_is_whole(tmp_path: Path) ->
 
     found = done(fill(FoxgloveWriter(tmp_path, "json"), 6, points=points), tmp_path / "drive")
     assert found.written.num_frames == 5
-    assert [why for why in found.left_out if ", needed a foxglove.PointCloud" in why]
+    assert [why for why in found.left_out if ", expected a foxglove.PointCloud" in why]
 
 
 def test_a_schema_that_cannot_be_read_is_named(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_times_of_receipt_and_clocks_that_differ(tmp_path: Path) -> None:
     assert "the clocks of /points and /cam/image_raw differ by 5.000 s; try --stamps receive" in message
     assert len(imported(path, tmp_path / "receive", by_receipt=True)["frames"]) == 6
     path = small(tmp_path / "zero", points=lambda bag, index, stamp: bag.cloud(RECORDS, 0))
-    expected = "sweeps: found a stamp of zero, needed a time, or --stamps receive"
+    expected = "sweeps: found a stamp of zero, expected a time, or --stamps receive"
     assert expected in refused(path, tmp_path / "z")
 
 

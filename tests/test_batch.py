@@ -147,7 +147,7 @@ def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_pa
     (one / "log.txt").mkdir(parents=True)
     result = run(command(drives, tmp_path / "out"))
     assert summary(tmp_path / "out")[0]["reasons"][0].endswith(
-        "log.txt: found a folder, needed a file or nothing"
+        "log.txt: found a folder, expected a file or nothing"
     )
     assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: 1 failed" in result.stderr
     assert "Traceback" not in result.stderr

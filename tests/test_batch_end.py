@@ -4,17 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import make_pose
 from fleets import TRUTH, fleet
 from rich.console import Console
 
 from semcal_cli.cli.batch_progress import MAX_NAMED, BatchProgress, print_end
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.config import Limits
+from semcal_cli.errors import signed
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.many.batch.records import write_summary
 from semcal_cli.many.batch.tasks import Outcome, failed_outcome
+from semcal_cli.result.uncertainty import widest
 
 
 def trusted_drives(count: int) -> list[Outcome]:
@@ -56,13 +59,16 @@ def test_the_end_names_what_matters(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    reason = "drives/broken/points/000000.bin: found 1,921 bytes, needed a multiple of 16, which is what a point takes"
+    reason = (
+        "drives/broken/points/000000.bin: found 1,921 bytes, expected a multiple of 16, which is what a point "
+        "takes"
+    )
     outcomes = [*trusted_drives(6), untrusted_outcome(1), failed_outcome("drives/broken", reason)]
     lines = end_of(outcomes, Path("out"), capsys)
     assert lines[:6] == [
         "8 of 8 drives: 1 failed, 1 not trusted, 6 trusted",
         "failed        drives/broken",
-        "              points/000000.bin: found 1,921 bytes, needed a multiple of 16,",
+        "              points/000000.bin: found 1,921 bytes, expected a multiple of 16,",
         "              which is what a point takes",
         "not trusted   drives/bad_01",
         "              the pose is determined in no direction",
@@ -71,10 +77,7 @@ def test_the_end_names_what_matters(
         [drive for drive in read_fleet_drives([Path("out")]) if drive.left_out is None], Limits()
     )
     half = fleet_result.parts[-1].half_widths
-    assert lines[6] == (
-        f"agreed pose      of 6 trusted drives: +- {1000 * half[:3].max():.1f} mm, "
-        f"+- {half[3:].max():.3f} degrees (95 %)"
-    )
+    assert lines[6] == f"agreed pose      of 6 trusted drives: {signed(widest(half.tolist()))}"
     place = lines[7].removeprefix("camera at").removesuffix("m in the LiDAR frame").split()
     np.testing.assert_allclose(list(map(float, place)), camera_center(fleet_result.T_camera_lidar), atol=1e-6)
     assert np.linalg.norm(camera_center(fleet_result.T_camera_lidar) - camera_center(TRUTH)) < 0.01
@@ -102,7 +105,7 @@ def test_most_of_many_bad_drives_are_counted(tmp_path: Path, capsys: pytest.Capt
         (
             3,
             {"camera": "two"},
-            "agreed pose      none: the trusted drives have 2 different cameras, given or",
+            "note             the drives have 2 different cameras, given or estimated",
         ),
         (3, {"covariance": ((0.0,) * 6,) * 6}, "agreed pose      none:"),
     ],
@@ -116,6 +119,22 @@ def test_a_pose_that_drives_do_not_agree_on(
         assert not any("agreed" in line for line in lines)
     else:
         assert any(line.startswith(expected) for line in lines)
+
+
+def test_drives_of_different_rigs_are_listed_by_the_pose_that_they_agree_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    of_rigs = trusted_drives(5)
+    elsewhere = (TRUTH @ make_pose((0.0, 0.0, 1.5), (0.6, 0.0, 0.0))).tolist()
+    outcomes = [
+        outcome.model_copy(update={"T_camera_lidar": elsewhere}) if number in (1, 3) else outcome
+        for number, outcome in enumerate(of_rigs)
+    ]
+    lines = end_of(outcomes, tmp_path / "out", capsys)
+    assert lines[1] == "agreed pose      none: 5 trusted drives fall into 2 groups that differ"
+    assert lines[2] == "group 1          3 drives: drives/000, drives/002, drives/004"
+    assert "group 2          2 drives: drives/001, drives/003" in lines
+    assert "±" not in "".join(lines)
 
 
 def test_colours_are_for_terminals(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -159,7 +159,8 @@ def test_results_that_vanish_are_failures(drives: Path, tmp_path: Path) -> None:
     outcomes = summary(out)
     assert len(outcomes) == NUM_DRIVES
     assert outcomes[0]["reasons"] == [
-        f"{out / folder_of(outcomes[0]['drive'])}/calibration.yaml: found no file when the run ended, needed the result"
+        f"{out / folder_of(outcomes[0]['drive'])}/calibration.yaml: found no file when the run ended, expected the "
+        "result"
     ]
     for outcome in outcomes:
         assert (outcome["status"] == "failed") == (outcome["result"] is None)
@@ -206,7 +207,7 @@ def test_links_in_finished_folders_are_not_followed(
     (place / name).symlink_to(precious)
     result = run([*first(drives, out)[:1], "--force", *first(drives, out)[1:]])
     assert result.exit_code == 1
-    assert summary(out)[0]["reasons"][0] == f"{place / name}: found a link, needed a file or nothing"
+    assert summary(out)[0]["reasons"][0] == f"{place / name}: found a link, expected a file or nothing"
     assert precious.read_text() == "a year of work\n"
     (place / name).unlink()
     os.link(precious, place / name)

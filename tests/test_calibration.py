@@ -110,21 +110,21 @@ def test_yaml_is_the_design() -> None:
         (
             "T_lidar_camera",
             POSE.tolist(),
-            "found T_lidar_camera off by 3.18, needed the inverse of T_camera_lidar within 1e-06",
+            "found T_lidar_camera off by 3.18, expected the inverse of T_camera_lidar within 1e-06",
         ),
         (
             "translation_m",
             [0.5, 0.00001, -2.0],
-            "found translation_m off by 1e-05, needed the translation of T_camera_lidar within 1e-06",
+            "found translation_m off by 1e-05, expected the translation of T_camera_lidar within 1e-06",
         ),
         (
             "quaternion_xyzw",
             [0.0, 0.0, 0.0, 1.0],
-            "found quaternion_xyzw off by 0.562, needed the rotation of T_camera_lidar within 1e-06",
+            "found quaternion_xyzw off by 0.562, expected the rotation of T_camera_lidar within 1e-06",
         ),
         ("quaternion_xyzw", [0.0, 0.0, 1.0], "quaternion_xyzw: found a list of 3, needed at least 4"),
-        ("status", "fine", "status: found 'fine', needed 'trusted', 'not_trusted' or 'not_assessed'"),
-        ("stages", {"a b": {}}, "stages['a b'].T_camera_lidar: found nothing, needed a value"),
+        ("status", "fine", "status: found 'fine', expected 'trusted', 'not_trusted' or 'not_assessed'"),
+        ("stages", {"a b": {}}, "stages['a b'].T_camera_lidar: found nothing, expected a value"),
         ("reason", [], "unknown key 'reason'; the nearest known key is 'reasons'"),
     ],
 )
@@ -148,7 +148,7 @@ def test_either_sign_of_the_quaternion_is_read(tmp_path: Path) -> None:
     ("content", "complaint"),
     [
         ("{", "line 1: Expecting property name enclosed in double quotes"),
-        ('{"a": NaN}', "found NaN, needed a finite number"),
+        ('{"a": NaN}', "found NaN, expected a finite number"),
         ('{"a": 1, "a": 2}', "key 'a' is given twice"),
         ("[" * 100000, "nested too deeply"),
     ],
@@ -172,7 +172,7 @@ def test_cues_that_there_are_not_are_refused(tmp_path: Path, cues: Any, found: s
     with pytest.raises(InputError) as error:
         read_calibration(tmp_path / "c.yaml")
     needed = "settings of cues by their names, such as labels or edges"
-    assert str(error.value) == f"{tmp_path / 'c.yaml'}: settings.options: found {found}, needed {needed}"
+    assert str(error.value) == f"{tmp_path / 'c.yaml'}: settings.options: found {found}, expected {needed}"
 
 
 @pytest.mark.parametrize("T", [np.full((4, 4), np.nan), np.diag([1.0, 1.0, -1.0, 1.0])])
@@ -184,7 +184,7 @@ def test_no_calibration_without_a_pose(T: Pose) -> None:
 def test_unknown_suffix_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         write_calibration(make_calibration(POSE), tmp_path / "a.txt")
-    assert str(error.value) == f"{tmp_path / 'a.txt'}: found suffix '.txt', needed .yaml, .yml, .json"
+    assert str(error.value) == f"{tmp_path / 'a.txt'}: found suffix '.txt', expected .yaml, .yml, .json"
 
 
 def test_failed_write_leaves_the_old_file_and_nothing_else(

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -22,6 +23,7 @@ from test_calibration import POSE, make_calibration
 import semcal_cli
 from semcal_cli import core
 from semcal_cli.cli import EXIT_FAILURE, SECTIONS, semcal
+from semcal_cli.cli.examples import examples_of
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.result.calibration_document import write_calibration
@@ -59,7 +61,7 @@ def test_a_start_that_looks_away_is_no_overlap(street: Path, tmp_path: Path, cli
         (["{street}", "-o", "{tmp}/out.txt"], "{tmp}/out.txt: .*yaml.*json.*"),
         (
             ["{street}", "-o", "{tmp}/none/out.yaml"],
-            "{tmp}/none/out.yaml: found no folder {tmp}/none, needed one to write to",
+            "{tmp}/none/out.yaml: found no folder {tmp}/none, expected one to write to",
         ),
         (
             ["{street}", "-o", "{street}/drive.yaml"],
@@ -72,9 +74,9 @@ def test_a_start_that_looks_away_is_no_overlap(street: Path, tmp_path: Path, cli
         (["{street}", "--init", "{start}", "-o", "{start}"], "{start}: found a file that this run reads .*"),
         (
             ["{street}", "--init", "-"],
-            "-: found standard input, needed a file: the result records its name and hash",
+            "-: found standard input, expected a file: the result records its name and hash",
         ),
-        (["{street}", "--init", "/dev/stdin"], "/dev/stdin: found standard input, needed a file: .*"),
+        (["{street}", "--init", "/dev/stdin"], "/dev/stdin: found standard input, expected a file: .*"),
         (
             ["{street}", "--prior-translation-m", "5", "0", "0", "1"],
             "--prior-translation-m: found the camera 5 m from the LiDAR, needed at most 3 m; --max-baseline-m sets the "
@@ -107,7 +109,7 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
     code, out, err = cli("initialize", street, "--log", tmp_path / "log.json")
     assert code == 0
     assert yaml.safe_load(out)["status"] == "not_assessed"
-    assert "mountings compared" in err
+    assert "candidate mountings compared" in err
     assert [stage["name"] for stage in json.loads((tmp_path / "log.json").read_text())["stages"]] == [
         "load",
         "initial",
@@ -182,6 +184,30 @@ def test_help_names_only_options_that_the_command_has(path: tuple[str, ...], com
         assert "None]" not in command.get_help(context)
 
 
+@pytest.mark.parametrize(("path", "command"), list(commands(semcal)), ids=lambda value: str(value)[:40])
+def test_every_command_has_examples_that_parse(path: tuple[str, ...], command: click.Command) -> None:
+    examples = examples_of(" ".join(("semcal", *path)))
+    assert examples or path == ("completion",)
+    for example in examples:
+        words = shlex.split(example)
+        assert tuple(words[1 : 1 + len(path)]) == path
+        command.make_context(" ".join(("semcal", *path)), words[1 + len(path) :])
+
+
+def test_the_help_of_calibrate_is_short_and_the_full_help_has_all(cli: Cli) -> None:
+    _, short, _ = cli("calibrate", "--help")
+    _, full, _ = cli("calibrate", "--help-all")
+    assert len(short.splitlines()) < 60
+    assert (
+        short.index("semcal calibrate recording.mcap")
+        < short.index("-o, --output")
+        < short.index("--report FILE")
+    )
+    assert "--mine-steps" not in short
+    for parameter in semcal.commands["calibrate"].params:
+        assert not isinstance(parameter, click.Option) or parameter.opts[-1] in full
+
+
 ORDERS = {
     "calibrate C": "semcal calibrate DRIVE|RECORDING|DATASET",
     "inspect C": "semcal inspect DRIVE",
@@ -204,9 +230,9 @@ def test_a_misplaced_file_is_told_with_the_order(drive: Path, tmp_path: Path, cl
     write_calibration(make_calibration(POSE), given)
     code, out, err = cli(*({"C": given, "D": drive}.get(word, word) for word in command))
     assert (code, out) == (EXIT_FAILURE, "")
-    found = f"{given}: found a calibration, needed a drive"
+    found = f"{given}: found a calibration, expected a drive"
     if line in ("verify D D", "compare C D"):
-        needed = "needed a transform, or a drive with T_camera_lidar"
+        needed = "expected a transform, or a drive with T_camera_lidar"
         found = f"{drive / DRIVE_FILE}: found a drive without a reference, {needed}"
     order = f"; the order is `{ORDERS[line]}`" if ORDERS[line] else ""
     assert err == f"semcal: error: {found}{order}\n"
@@ -275,7 +301,7 @@ def test_the_name_of_the_distribution_is_no_import(tmp_path: Path) -> None:
         [sys.executable, "-c", "import semcal"], cwd=tmp_path, capture_output=True, text=True
     )
     assert done.stderr.splitlines()[-1] == (
-        "ImportError: semcal: found the name of the distribution, needed that of its import: "
+        "ImportError: semcal: found the name of the distribution, expected that of its import: "
         "import semcal_cli as semcal"
     )
 

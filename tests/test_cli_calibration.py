@@ -228,7 +228,7 @@ def test_a_calibration_in_the_format_of_another_tool(
     code, out, err = cli("calibrate", street, "--to", "text", "-o", tmp_path / "T.txt")
     assert (code, out) == (EXIT_FAILURE, "")
     assert err.startswith(
-        "semcal: error: --to text: found a transform without a stated direction, needed --to-direction "
+        "semcal: error: --to text: this format may hold either direction; add --to-direction "
     )
 
 
@@ -254,7 +254,7 @@ def test_a_matrix_of_no_stated_direction_is_a_start_with_one(
         code, _, err = cli(command, street, "--init", start)
         assert code == EXIT_FAILURE
         assert err == (
-            f"semcal: error: {start}: found a transform without a stated direction, needed --init-direction "
+            f"semcal: error: {start}: found a transform without a stated direction; add --init-direction "
             "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar\n"
         )
     options = ["--init", start, "--init-direction", "camera-to-lidar", "--json", "-q"]
@@ -263,11 +263,14 @@ def test_a_matrix_of_no_stated_direction_is_a_start_with_one(
     found = json.loads(out)
     assert found["settings"]["options"]["init_direction"] == "camera-to-lidar"
     assert compare_poses(np.array(found["T_camera_lidar"]), street_truth).rotation_deg < 0.2
-    code, _, err = cli("refine", street, "--init", street, "--init-direction", "lidar-to-camera")
+    code, _, err = cli("refine", street, "--init", street, "--init-direction", "camera-to-lidar")
     assert code == EXIT_FAILURE
     assert err == (
-        "semcal: error: --init-direction: found 'lidar-to-camera', needed nothing: semcal files do not use it\n"
+        "semcal: error: --init-direction: found 'camera-to-lidar', but semcal files state it themselves or have none; "
+        "leave it out\n"
     )
+    options[1], options[3] = street, "lidar-to-camera"
+    assert cli("refine", street, *options)[0] == 0  # what the file says, too
 
 
 @pytest.mark.parametrize("command", ["initialize", "refine"])

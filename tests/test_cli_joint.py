@@ -93,20 +93,20 @@ NO_COVARIANCES = (
     (lambda count: diagonal(count, -1.0), "a variance of -1, needed at least 0"),
     (
         lambda count: [[1.0] * count, *diagonal(count)[1:]],
-        "entries that differ by 1 across the diagonal, needed a symmetric matrix",
+        "entries that differ by 1 across the diagonal, expected a symmetric matrix",
     ),
     (
         lambda count: [[2.0 - float(i == j) for j in range(count)] for i in range(count)],
-        "an eigenvalue of -1, needed a positive semidefinite matrix",
+        "an eigenvalue of -1, expected a positive semidefinite matrix",
     ),
 )
 WRONG: list[tuple[str, object, str]] = [
-    ("camera", 5, r"camera: found 5, needed a mapping$"),
-    ("camera.found.model", "pinhole", r"camera\.found\.model: found 'pinhole', needed "),
+    ("camera", 5, r"camera: found 5, expected a mapping$"),
+    ("camera.found.model", "pinhole", r"camera\.found\.model: found 'pinhole', expected "),
     (
         "camera.found.K.0.0",
         -1.0,
-        r"camera\.found\.K: found focal lengths -1\.0 and \S+, needed both above 0$",
+        r"camera\.found\.K: found focal lengths -1\.0 and \S+, expected both above 0$",
     ),
     (
         "camera.intrinsics.fx.half_width_95",
@@ -114,11 +114,11 @@ WRONG: list[tuple[str, object, str]] = [
         r"camera\.intrinsics\.fx\.half_width_95: found -1(\.0)?, needed at least 0",
     ),
     ("camera.intrinsics.fx.found", 1e308, r"camera\.intrinsics\.fx\.found: found 1e\+308, needed at most "),
-    ("camera.is_kept", "yes", r"camera\.is_kept: found 'yes', needed "),
+    ("camera.is_kept", "yes", r"camera\.is_kept: found 'yes', expected "),
     (
         "camera.intrinsics",
         {"k9": UNKNOWN},
-        rf"camera: found intrinsics k9, needed names of plumb_bob: {OF_LENS}",
+        rf"camera: found intrinsics k9, expected names of plumb_bob: {OF_LENS}",
     ),
     ("camera.intrinsics", {}, r"camera\.intrinsics: found a mapping of 0, needed at least 1$"),
     (
@@ -129,7 +129,7 @@ WRONG: list[tuple[str, object, str]] = [
     (
         "camera.joint_covariance",
         [[0.0] * 8] * 9,
-        r"camera\.joint_covariance: found 9 rows with 8 to 8 entries, needed as many entries as rows$",
+        r"camera\.joint_covariance: found 9 rows with 8 to 8 entries, expected as many entries as rows$",
     ),
     (
         "camera.joint_covariance",
@@ -140,7 +140,8 @@ WRONG: list[tuple[str, object, str]] = [
     (
         "camera.found.width",
         1,
-        r"camera\.found: found plumb_bob of 1 x \d+ pixels, needed plumb_bob of \d+ x \d+ pixels, as in input\.camera$",
+        r"camera\.found: found plumb_bob of 1 x \d+ pixels, expected plumb_bob of \d+ x \d+ pixels, "
+        r"as in input\.camera$",
     ),
     (
         "clock.joint_covariance",
@@ -148,37 +149,38 @@ WRONG: list[tuple[str, object, str]] = [
         r"clock\.joint_covariance: found a list of 8, needed at most 7",
     ),
     ("clock.time_offset_s", 86400.0, r"clock\.time_offset_s: found 86400(\.0)?, needed at most "),
-    ("clock.time_offset_s", "late", r"clock\.time_offset_s: found 'late', needed a number$"),
-    ("clock.meaning", None, r"clock\.meaning: found nothing, needed text$"),
+    ("clock.time_offset_s", "late", r"clock\.time_offset_s: found 'late', expected a number$"),
+    ("clock.meaning", None, r"clock\.meaning: found nothing, expected text$"),
     (
         "clock.meaning",
         "late\nor \x1b[31mearly",
-        r"clock\.meaning: found 'late\\nor \\x1b\[31mearly', needed one line of text$",
+        r"clock\.meaning: found 'late\\nor \\x1b\[31mearly', expected one line of text$",
     ),
     (
         "clock.sigma_s",
         None,
-        r"clock: found one that is determined with sigma_s None and half_width_95_s 0\.0012, needed both if ",
+        r"clock: found one that is determined with sigma_s None and half_width_95_s 0\.0012, expected both if ",
     ),
     (
         "clock.is_determined",
         False,
-        r"clock: found one that is not determined with sigma_s 0\.0006 and half_width_95_s 0\.0012, needed both if ",
+        r"clock: found one that is not determined with sigma_s 0\.0006 and half_width_95_s 0\.0012, expected both if ",
     ),
     (
         "clock",
         UNKNOWN_CLOCK | {"is_kept": True},
-        r"clock: found a clock that is kept and not determined, needed one that is determined$",
+        r"clock: found a clock that is kept and not determined, expected one that is determined$",
     ),
     (
         "clock",
         UNKNOWN_CLOCK | {"joint_covariance": diagonal(7)},
-        r"clock: found a joint_covariance of a clock that is not determined, needed null$",
+        r"clock: found a joint_covariance of a clock that is not determined, expected null$",
     ),
     (
         "uncertainty.covariance.0.1",
         1e-6,
-        r"uncertainty\.covariance: found entries that differ by 1e-06 across the diagonal, needed a symmetric matrix$",
+        r"uncertainty\.covariance: found entries that differ by 1e-06 across the diagonal, expected a "
+        "symmetric matrix$",
     ),
     (
         "uncertainty.covariance.2.2",
@@ -188,7 +190,7 @@ WRONG: list[tuple[str, object, str]] = [
     (
         "uncertainty.covariance",
         [[1.0 if {i, j} == {0, 1} else 0.0 for i in range(6)] for j in range(6)],
-        r"uncertainty\.covariance: found an eigenvalue of -1, needed a positive semidefinite matrix$",
+        r"uncertainty\.covariance: found an eigenvalue of -1, expected a positive semidefinite matrix$",
     ),
     (
         "quality.mutual_information_nats",

@@ -65,7 +65,7 @@ def test_wrong_arguments_are_errors(street_observations: Observations, street_tr
     for factor in (0, 1000):
         with pytest.raises(ValueError, match="does not fit the image"):
             core.sensitivity(observations, street_truth, SensitivityConfig(factor=factor))
-    wrong = "InitializationConfig.roll_step_deg: found 0.0, needed a finite number above 0"
+    wrong = "InitializationConfig.roll_step_deg: found 0.0, expected a finite number above 0"
     with pytest.raises(ValueError, match=wrong):
         core.register(observations, images, replace(config, roll_step_deg=0.0))
     with pytest.raises(ValueError, match="50 points have 5 classes"):

@@ -101,7 +101,7 @@ def test_only_a_drive_of_the_same_data_is_replaced(tmp_path: Path) -> None:
         ((other.out / "drive.yaml").read_text(), "a drive of other data"),
     ):
         path.write_text(content)
-        assert of.complaint() == f"{path}: found {found}, needed another -o, or --force"
+        assert of.complaint() == f"{path}: found {found}; choose another -o, or --force"
         assert path.read_text() == content
     of.run("--max-frames", 1, "--force")
     assert path.read_text() == whole
@@ -162,7 +162,7 @@ def test_colour_coded_labels_need_a_table_with_colours(tmp_path: Path) -> None:
     file = tmp_path / "labels/000000.png"
     write_colors(file, (128, 64, 128))
     assert of.complaint("--image-labels", file.parent) == (
-        f"{file}: found colours, needed ids, or a class table with these colours with --image-classes"
+        f"{file}: found colours, expected ids, or a class table with these colours with --image-classes"
     )
     palette = of.run("--image-labels", file.parent, "--image-classes", "cityscapes").palette
     assert palette
@@ -182,7 +182,7 @@ def test_a_failed_import_leaves_the_drive_as_it_was(tmp_path: Path) -> None:
 def test_frames_that_are_no_slice_are_wrong_usage(tmp_path: Path, frames: str) -> None:
     result = invoke("import", "carla", ".", "-o", tmp_path, "--frames", frames)
     assert result.exit_code == 2
-    assert "needed START:STOP or START:STOP:STEP, with a step of at least 1" in result.stderr
+    assert "expected START:STOP or START:STOP:STEP, with a step of at least 1" in result.stderr
 
 
 @pytest.mark.parametrize("name", ontology_names())
@@ -204,18 +204,18 @@ LITTLE, BIG = "binary_little_endian", "binary_big_endian"
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ("ply\nformat ascii 1.0\n", "found no PLY header, needed one"),
-        (VERTEX.format("binary", 0), f"found format binary, needed one of: {LITTLE}, {BIG}"),
-        (VERTEX.format(BIG, "-1"), "found first element vertex -1, needed vertex and a count"),
+        ("ply\nformat ascii 1.0\n", "found no PLY header"),
+        (VERTEX.format("binary", 0), f"found format binary, expected one of: {LITTLE}, {BIG}"),
+        (VERTEX.format(BIG, "-1"), "found first element vertex -1, expected vertex and a count"),
         (
             VERTEX.format(BIG, 10**12) + "1 2\n",
             "found 4 bytes after the header, needed 1,000,000,000,000 vertices",
         ),
         (
             VERTEX.format(BIG, 1).replace("float x", "list uchar int x"),
-            "found vertices without properties or with lists, needed plain numbers",
+            "found vertices without properties or with lists, expected plain numbers",
         ),
-        (VERTEX.format(BIG, 1).replace("label", "x"), "found a property twice in x, x, needed each once"),
+        (VERTEX.format(BIG, 1).replace("label", "x"), "found a property twice in x, x, expected each once"),
     ],
 )
 def test_wrong_ply(tmp_path: Path, content: str, expected: str) -> None:

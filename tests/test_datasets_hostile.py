@@ -26,8 +26,8 @@ WORDS = {
     "keys": "\n".join(f"{'k' * 99}{i}: 1" for i in range(3000)),
     "eight keys": ", ".join(["k" * 37 + "..."] * 8),
     "storage keys": "\n---\n" + "".join(f"key{i}: 1\n" for i in range(3000)),
-    "side": "needed a whole number from 1 to 65535",
-    "no rotation": "found determinant 2 and R R^T off the identity by 3, needed a rotation: determinant 1 and R R^T "
+    "side": "expected a whole number from 1 to 65535",
+    "no rotation": "found determinant 2 and R R^T off the identity by 3, expected a rotation: determinant 1 and R R^T "
     "within 0.001 of the identity",
 }
 """What stands for the words in braces of the tables."""

@@ -18,9 +18,9 @@ def a_file(path: Path) -> None:
 
 
 NO_FOLDER, NO_FILE, NO_REGULAR = (
-    "found a file, needed a folder",
-    "found a folder, needed a file",
-    "found a special file, needed a file",
+    "found a file, expected a folder",
+    "found a folder, expected a file",
+    "found a special file, expected a file",
 )
 WINDOW = f"data_3d_semantics/train/{KITTI_360_DRIVE}/static/0000000002_0000000385.ply"
 
@@ -97,7 +97,7 @@ def test_frames_of_windows_without_points_are_left_out(tmp_path: Path, count: in
     poses.write_text(f"1100 {rows}\n")
     for image in sorted(of.root.rglob("0000000250.png")):
         (image.parent / "0000001100.png").write_bytes(image.read_bytes())
-    said = "found no points for any of 1 frame, needed some"
+    said = "found no points for any of 1 frame, expected some"
     assert of.complaint().removeprefix("{root}/").endswith(f"{empty.name}: {said}")
     poses.write_text(f"250 {rows}\n1100 {rows}\n")
     assert [frame.points for frame in of.run().frames] == ["points/0000000250.bin"]
@@ -111,7 +111,7 @@ def test_own_files_whose_names_are_no_text(tmp_path: Path) -> None:
     for kind, suffix in (("clouds", "bin"), ("clouds", "label"), ("labels", "png")):
         (tmp_path / f"own/{kind}/000002.{suffix}").rename(tmp_path / f"own/{kind}/\udcff.{suffix}")
     assert complaint("folder", *arguments, "-o", tmp_path / "drive") == (
-        rf"'{tmp_path}/own/clouds/\udcff.bin': found name '../own/clouds/\udcff.bin', needed UTF-8"
+        rf"'{tmp_path}/own/clouds/\udcff.bin': found name '../own/clouds/\udcff.bin', expected UTF-8"
     )
     assert not (tmp_path / "drive").exists()
 
@@ -135,7 +135,7 @@ def test_own_files_that_are_read_are_not_overwritten(tmp_path: Path, option: str
     linked.symlink_to(own)
     for output in (own, linked):
         assert complaint("folder", *arguments, option, own, "-o", output) == (
-            f"{output}: found a file that this import reads, needed another name"
+            f"{output}: found a file that this import reads; choose another name"
         )
     assert own.read_text() == content
     run_import("folder", *arguments, option, own, "-o", tmp_path / "drive")
@@ -154,7 +154,7 @@ def test_files_of_a_data_set_are_not_overwritten(
     of = Import(name, tmp_path)
     of.out = of.root / file
     before = of.out.read_bytes()
-    said = f"{{root}}/{file}: found a file that this import reads, needed another name"
+    said = f"{{root}}/{file}: found a file that this import reads; choose another name"
     assert of.complaint(*arguments) == said
     assert of.out.read_bytes() == before
 
@@ -163,7 +163,7 @@ def test_own_files_and_frames_that_differ_need_label_images(tmp_path: Path) -> N
     arguments = own_data(tmp_path / "own")
     del arguments[4:6]
     assert complaint("folder", *arguments, "--spread", "-o", tmp_path / "drive") == (
-        "--spread: found frames without label images, needed --image-labels GLOB"
+        "--spread: found frames without label images; add --image-labels GLOB"
     )
     stderr = run_import("folder", *arguments, "-o", tmp_path / "drive")
     assert "note: no image labels: a network can make them; add your own with --image-labels" in stderr

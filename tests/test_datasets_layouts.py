@@ -89,7 +89,7 @@ def test_kitti_360_points_are_cut_from_the_window_around_the_pose(kitti_360: Imp
     network = kitti_360.out.parent / "network"
     assert kitti_360.complaint("--point-labels", network) == (
         f"--point-labels: {network}: found clouds that are cut from accumulated points together with their labels; "
-        "needed sweeps, whose points are in the order of the labels"
+        "expected sweeps, whose points are in the order of the labels"
     )
 
 
@@ -210,7 +210,7 @@ def test_wrong_carla_rigs_and_clouds_are_named(tmp_path: Path) -> None:
     write(of.root / "lidar/000017.ply", CARLA_PLAIN_PLY)
     assert (
         of.complaint()
-        == "{root}/lidar/000017.ply: frame '000017': found no labels, needed one label per point"
+        == "{root}/lidar/000017.ply: frame '000017': found no labels, expected one label per point"
     )
     rig = json.loads((of.root / "sensors.json").read_text())
     rig[0]["id"] = "a" * 300
@@ -257,7 +257,7 @@ def test_a_class_table_is_turned_red_for_raw_carlan_images(tmp_path: Path) -> No
     for ids, found in (
         (
             "[14, 15]",
-            "2 ids, needed one: the label images are colours, and a palette has one colour per class",
+            "2 ids, expected one: the label images are colours, and a palette has one colour per class",
         ),
         ("[300]", "id 300, needed at most 255, the largest value of red"),
     ):

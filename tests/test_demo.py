@@ -29,5 +29,5 @@ def test_of_kitti_raw_the_longest_sequence_is_taken(tmp_path: Path) -> None:
 def test_another_folder_is_told_what_was_needed(tmp_path: Path) -> None:
     done = invoke("demo", tmp_path / "out", "--real", tmp_path)
     assert done.exit_code == 1
-    assert str(done.exception).endswith(f"in {tmp_path}, needed a folder of KITTI object or KITTI raw")
+    assert str(done.exception).endswith(f"in {tmp_path}, expected a folder of KITTI object or KITTI raw")
     assert not (tmp_path / "out").exists()

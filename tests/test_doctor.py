@@ -75,7 +75,7 @@ def test_cache_and_network_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ("http://me:secret@127.0.0.1:9", "http://127.0.0.1:9 is not reachable"),
         (
             "file:///etc/passwd",
-            "file:///etc/passwd: found in HF_ENDPOINT, needed an address that begins with https://",
+            "file:///etc/passwd: found in HF_ENDPOINT, expected an address that begins with https://",
         ),
     ],
 )

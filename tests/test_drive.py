@@ -105,14 +105,14 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
         (edit("camera", "widht", to=1), "camera: unknown key 'widht'; the nearest known key is 'width'"),
         (
             edit("camera", "model", to="mei"),
-            "camera.model: found 'mei', needed 'plumb_bob', 'rational_polynomial', 'thin_prism', 'fisheye', "
+            "camera.model: found 'mei', expected 'plumb_bob', 'rational_polynomial', 'thin_prism', 'fisheye', "
             "'omnidirectional', 'equirectangular', 'fov' or 'double_sphere'",
         ),
         (
             edit("camera", "intrinsics_sigma", "cy", to=-0.5),
             "camera.intrinsics_sigma.cy: found -0.5, needed at least 0.0",
         ),
-        (lens("omnidirectional"), "camera.parameters: found none, needed 'xi' for omnidirectional"),
+        (lens("omnidirectional"), "camera.parameters: found none, expected 'xi' for omnidirectional"),
         (
             lens("double_sphere", xi=-1.0, alpha=0.5),
             "camera.parameters: found xi -1.0, needed more than -1 and less than 1",
@@ -127,11 +127,11 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
             lens("thin_prism", *[0.0] * 13, 1.6),
             "camera.distortion: found [13] 1.6, needed more than -1.5708 and less than 1.5708",
         ),
-        (edit("camera", "width", to=True), "camera.width: found true, needed a whole number"),
+        (edit("camera", "width", to=True), "camera.width: found true, expected a whole number"),
         (edit("camera", "height", to=0), "camera.height: found 0, needed more than 0"),
         (edit("camera", "K", to=[[1, 0, 0]]), "camera.K: found a list of 1, needed at least 3"),
         (edit("camera", "K", 1, to=[0, 1, 0, 0]), "camera.K[1]: found a list of 4, needed at most 3"),
-        (edit("camera", "K", 1, 1, to=float("nan")), "camera.K[1][1]: found nan, needed a finite number"),
+        (edit("camera", "K", 1, 1, to=float("nan")), "camera.K[1][1]: found nan, expected a finite number"),
         (
             edit("camera", "K", 0, 1, to=639.5),
             "camera.K: found skew 639.5, needed at most 6.4 to either side, 1% of fx",
@@ -140,32 +140,32 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
         (edit("camera", "K", 2, 2, to=2), "camera.K: found last row [0.0, 0.0, 2.0], needed [0, 0, 1]"),
         (
             edit("camera", "K", 0, 0, to=-1),
-            "camera.K: found focal lengths -1.0 and 640.0, needed both above 0",
+            "camera.K: found focal lengths -1.0 and 640.0, expected both above 0",
         ),
         (
             edit("lidar", to={"channels": 64, "columns": 800, "fov_up_deg": -3, "fov_down_deg": 3}),
             "lidar.fov_down_deg: found 3.0, needed less than fov_up_deg, -3.0",
         ),
-        (edit("frames", to={}), "frames: found a mapping, needed a list"),
+        (edit("frames", to={}), "frames: found a mapping, expected a list"),
         (
             edit("frames", 0, "points_stamp", to=1_532_402_927_612_460_000),
             "frames[0].points_stamp: found 1532402927612460000, needed at most 10000000000.0",
         ),
         (edit("palette", to={}), "palette: found a mapping of 0, needed at least 1"),
-        (edit("frames", 0, to={}), "frames[0].points: found nothing, needed a value"),
-        (edit("frames", 0, to="a.bin"), "frames[0]: found 'a.bin', needed a mapping"),
-        (edit("frames", 0, "points", to="a\0b"), "frames[0].points: found 'a\\x00b', needed a file name"),
+        (edit("frames", 0, to={}), "frames[0].points: found nothing, expected a value"),
+        (edit("frames", 0, to="a.bin"), "frames[0]: found 'a.bin', expected a mapping"),
+        (edit("frames", 0, "points", to="a\0b"), "frames[0].points: found 'a\\x00b', expected a file name"),
         (
             edit("classes", to={"image": {"road": [1, 2], "car": [2]}}),
-            "classes.image: found id 2 under 'road' and 'car', needed it under one name",
+            "classes.image: found id 2 under 'road' and 'car', expected it under one name",
         ),
         (
             edit("classes", to={"image": {"a\nroad": ["x" * 99]}}),
-            f"classes.image['a\\nroad'][0]: found '{'x' * 56}..., needed a whole number",
+            f"classes.image['a\\nroad'][0]: found '{'x' * 56}..., expected a whole number",
         ),
         (
             edit("palette", to={"road": [1, 2, 3], "car": [1, 2, 3]}),
-            "palette: found color [1, 2, 3] under 'road' and 'car', needed it under one name",
+            "palette: found color [1, 2, 3] under 'road' and 'car', expected it under one name",
         ),
         (
             edit("T_camera_lidar", to=np.diag([1, 1, 1, 2]).tolist()),
@@ -174,12 +174,12 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
         (
             edit("T_camera_lidar", to=MIRRORED),
             "T_camera_lidar: found determinant -1 and R R^T off the identity by 0, "
-            "needed a rotation: determinant 1 and R R^T within 0.001 of the identity",
+            "expected a rotation: determinant 1 and R R^T within 0.001 of the identity",
         ),
         (
             edit("T_camera_lidar", to=SHEARED),
             "T_camera_lidar: found determinant 1 and R R^T off the identity by 0.5, "
-            "needed a rotation: determinant 1 and R R^T within 0.001 of the identity",
+            "expected a rotation: determinant 1 and R R^T within 0.001 of the identity",
         ),
     ],
 )
@@ -194,8 +194,8 @@ def test_wrong_value(tmp_path: Path, document: dict[str, Any], change: Edit, com
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ("", "found nothing, needed a mapping"),
-        ("- 1\n- 2\n", "found a list of 2, needed a mapping"),
+        ("", "found nothing, expected a mapping"),
+        ("- 1\n- 2\n", "found a list of 2, expected a mapping"),
         (
             "a: 1\nb: [1, 2\n",
             "line 3: while parsing a flow sequence, did not find expected ',' or ']'",

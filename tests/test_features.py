@@ -79,8 +79,8 @@ def test_vectors_of_blocks_are_those_of_their_pixels(drive: Drive, tmp_path: Pat
             np.zeros((3, 4)),
             r"found shape \(3, 4\), needed \(\d+, C\): points/000000.bin has",
         ),
-        ("point_features", np.array(["a"]), r"found <U1, needed an array of numbers"),
-        ("point_features", None, "found no NumPy array, needed one"),
+        ("point_features", np.array(["a"]), r"found <U1, expected an array of numbers"),
+        ("point_features", None, "found no NumPy array"),
         (
             "image_features",
             np.full((360, 640, 2), np.nan),
@@ -104,7 +104,7 @@ def test_features_that_say_nothing(drive: Drive, tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match="features of pixels are all the same"):
         observe_features(drive.model_copy(update={"frames": (frame,)}))
     bare = drive.frames[0].model_copy(update={"point_features": None})
-    with pytest.raises(InputError, match=r"point_features: found nothing, needed a .npy file of features"):
+    with pytest.raises(InputError, match=r"point_features: found nothing, expected a .npy file of features"):
         observe_features(drive.model_copy(update={"frames": (bare,)}))
 
 

@@ -125,9 +125,7 @@ def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> No
         "drive_15",
         "fail",
     )
-    assert result.notes == (
-        "drives are ordered by name, because not all have their own stamp in seconds since 1970",
-    )
+    assert result.notes == ("ordered by name: some drives have no absolute timestamps",)
     assert combine_drives(drives, Limits()).notes == ()
 
 
@@ -205,7 +203,7 @@ def test_what_happened_is_told(kind: str, verdict: str, num_parts: int, has_drif
     if kind == "change":
         assert result.parts[1].first == "015"
         assert re.fullmatch(
-            r"changed between 014 and 015: 8\d mm up \(\+- \d\), \+0\.6\d degrees yaw \(\+- 0\.0\d\)",
+            r"changed between 014 and 015: 8\.\d cm up \(\+- 0\.\d\), \+0\.6\d degrees yaw \(\+- 0\.0\d\)",
             result.reasons[0],
         )
     (off,) = local_coordinates([result.T_camera_lidar], TRUTH)
@@ -258,18 +256,16 @@ def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
     drives[5] = replace(drives[5], stamp=None)
     result = combine_drives(drives, Limits())
     assert result.verdict == "inconclusive"
-    assert result.reasons == (
-        "1 of 24 drives have no stamp in seconds since 1970, needed one for each: their order in time is unknown",
-    )
+    assert result.reasons == ("1 of 24 drives have no absolute timestamp, so the order in time is unknown",)
 
 
 @pytest.mark.parametrize(
     ("axis", "off", "half_width", "words"),
     [
-        (0, 0.0803, 0.0041, "80 mm to the right (+- 4)"),
-        (0, -0.0803, 0.0014, "80.3 mm to the left (+- 1.4)"),
-        (1, 0.02, 0.0004, "20.0 mm down (+- 0.4)"),
-        (2, -0.02, 0.004, "20 mm back (+- 4)"),
+        (0, 0.0803, 0.0041, "8.0 cm to the right (+- 0.4)"),
+        (0, -0.0803, 0.0014, "8.03 cm to the left (+- 0.14)"),
+        (1, 0.02, 0.0004, "2.00 cm down (+- 0.04)"),
+        (2, -0.02, 0.004, "2.0 cm back (+- 0.4)"),
         (3, 0.6, 0.021, "+0.60 degrees pitch (+- 0.02)"),
         (4, -0.6, 0.0149, "-0.600 degrees yaw (+- 0.015)"),
         (5, 0.601, 0.3, "+0.60 degrees roll (+- 0.30)"),
@@ -283,8 +279,8 @@ def test_an_offset_in_words(axis: int, off: float, half_width: float, words: str
 
 def test_what_chance_may_explain_is_told_only_if_nothing_else_is() -> None:
     values, half_widths = np.array([0.02, 0.0, 0.03, 0.0, 0.0, 0.0]), np.full(6, 0.01)
-    assert motions(Offset(values, half_widths)) == "30 mm forward (+- 10), 20 mm to the right (+- 10)"
-    assert motions(Offset(0.1 * values, half_widths)) == "3 mm forward (+- 10)"
+    assert motions(Offset(values, half_widths)) == "3.0 cm forward (+- 1.0), 2.0 cm to the right (+- 1.0)"
+    assert motions(Offset(0.1 * values, half_widths)) == "0.3 cm forward (+- 1.0)"
 
 
 def test_signs_of_rotations_are_those_that_the_page_states() -> None:

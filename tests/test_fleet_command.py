@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 from commands import invoke
+from conftest import make_pose
 from fleets import line, series_of, write_summary
 
 from semcal_cli.documentation import entry_address
@@ -49,6 +50,19 @@ def test_the_command(tmp_path: Path) -> None:
     assert first == {name: (tmp_path / name).read_bytes() for name in first}
 
 
+def test_drives_of_two_rigs_are_grouped_and_get_no_pose(tmp_path: Path) -> None:
+    lines = [line(drive) for drive in series_of("nothing", 8)]
+    for entry in lines[::2]:
+        T = np.array(entry["T_camera_lidar"]) @ make_pose((0.0, 0.0, 1.5), (0.6, 0.0, 0.0))
+        entry["T_camera_lidar"] = T.tolist()
+    result = run(write_summary(tmp_path / "batch", lines), "-o", tmp_path / "fleet.yaml")
+    assert result.exit_code != 0
+    first = result.stderr.splitlines()[0]
+    assert first == "agreed pose      none: 8 trusted drives fall into 2 groups that differ"
+    assert "group 2          4 drives: " in result.stderr
+    assert "T_camera_lidar" not in result.stderr
+
+
 def test_the_exit_codes(tmp_path: Path) -> None:
     steady = [line(drive) for drive in series_of("nothing")]
     assert run(write_summary(tmp_path / "a", steady)).exit_code == 0
@@ -68,7 +82,7 @@ def test_the_exit_codes(tmp_path: Path) -> None:
     ("changes", "complaint"),
     [
         ({"status": "pass"}, "line 2: status: found 'pass' from verify"),
-        ({"status": "fine"}, "line 2: status: found 'fine', needed"),
+        ({"status": "fine"}, "line 2: status: found 'fine', expected"),
         (
             {"T_camera_lidar": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
             "line 2: T_camera_lidar",
@@ -80,7 +94,7 @@ def test_the_exit_codes(tmp_path: Path) -> None:
         ({"covariance": np.zeros((6, 6)).tolist()}, "line 2: covariance: found standard errors of 0 to"),
         ({"covariance": None}, None),
         ({"T_camera_lidar": None}, "line 2: T_camera_lidar: found none"),
-        ({"camera": ""}, "line 2: camera: found '', needed text that matches \\S"),
+        ({"camera": ""}, "line 2: camera: found '', expected text that matches \\S"),
         ({"extra": 1}, "line 2: unknown key 'extra'"),
         ({"drive": "a\x00b"}, "line 2: drive: found"),
         ({"drive": "drives/000"}, None),
@@ -181,4 +195,4 @@ def test_a_failed_drive_that_is_given_twice_is_refused(tmp_path: Path) -> None:
     failed |= {"status": "failed", "T_camera_lidar": None, "covariance": None, "reasons": ["x"]}
     batch = str(write_summary(tmp_path / "batch", [failed]))
     done = invoke("fleet", batch, batch)
-    assert str(done.exception).endswith("found the same failed drive twice, needed each drive once")
+    assert str(done.exception).endswith("found the same failed drive twice, expected each drive once")

@@ -113,7 +113,7 @@ def test_pairs_by_time_are_each_others_nearest() -> None:
 def test_pairs_by_name_whatever_the_suffix() -> None:
     clouds, images = files("a/000001.pcd.bin", "a/000002.pcd.bin"), files("b/000002.png", "b/000003.png")
     assert pairs(clouds, images, max_gap_s=0.05) == {clouds[1]: images[0]}
-    with pytest.raises(InputError, match=r"^b/1.png: found the same name as a/1.png, needed a"):
+    with pytest.raises(InputError, match=r"^b/1.png: found the same name as a/1.png, expected a"):
         pairs(files("a/1.bin"), files("a/1.png", "b/1.png"), max_gap_s=0.05)
 
 
@@ -237,11 +237,11 @@ def test_the_cloud_that_is_looked_into_may_be_too_large(tmp_path: Path) -> None:
         (
             "--points",
             "a.xyz",
-            "'.xyz', needed .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las or .laz",
+            "'.xyz', expected .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las or .laz",
         ),
-        ("--point-labels", "a.txt", "'.txt', needed .label, .bin, .npy or .npz"),
-        ("--image-labels", "a.jpg", "'.jpg', needed .png, .npy or .npz"),
-        ("--images", "a.tiff", "'.tiff', needed .png, .jpg, .jpeg or .bmp"),
+        ("--point-labels", "a.txt", "'.txt', expected .label, .bin, .npy or .npz"),
+        ("--image-labels", "a.jpg", "'.jpg', expected .png, .npy or .npz"),
+        ("--images", "a.tiff", "'.tiff', expected .png, .jpg, .jpeg or .bmp"),
     ],
 )
 def test_files_that_no_reader_knows(tmp_path: Path, option: str, name: str, expected: str) -> None:
@@ -284,15 +284,15 @@ def test_names_of_classes_from_a_file(tmp_path: Path, content: str) -> None:
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ("road: 7\n", "classes.road.ids: found 7, needed a list"),
-        ("road: [seven]\n", "classes.road.ids[0]: found 'seven', needed a whole number"),
+        ("road: 7\n", "classes.road.ids: found 7, expected a list"),
+        ("road: [seven]\n", "classes.road.ids[0]: found 'seven', expected a whole number"),
         ("road: [7, 70000]\n", "classes.road.ids[1]: found 70000, needed at most 65535"),
-        ("road: [7]\ncar: [7]\n", "classes: found id 7 under 'road' and 'car', needed it under one name"),
+        ("road: [7]\ncar: [7]\n", "classes: found id 7 under 'road' and 'car', expected it under one name"),
         ("{}\n", "classes: found a mapping of 0, needed at least 1"),
-        ("- road\n", "found a list of 1, needed a mapping"),
+        ("- road\n", "found a list of 1, expected a mapping"),
         (
             "ignore: [0]\nroad: [7]\n",
-            "ignore: found next to the class names, needed the names under a key 'classes'; "
+            "ignore: found next to the class names, expected the names under a key 'classes'; "
             "ids that no class lists are ignored anyway",
         ),
         (

@@ -52,7 +52,7 @@ def test_rellis3d_agrees_with_its_drive(rellis3d: Path) -> None:
 def test_rellis3d_between_lidars_is_not_taken_for_a_camera(rellis3d: Path) -> None:
     with pytest.raises(
         InputError,
-        match="found top-level keys 'vel2os1', needed a transform in a format that `semcal convert",
+        match="found top-level keys 'vel2os1', expected a transform in a format that `semcal convert",
     ):
         read_transform(rellis3d / "vel2os1.yaml")
 
@@ -67,7 +67,7 @@ def test_drive_without_reference(path: Path, document: dict[str, Any]) -> None:
     path.write_text(yaml.dump(document))
     with pytest.raises(InputError) as error:
         read_transform(path)
-    complaint = "found a drive without a reference, needed a transform, or a drive with T_camera_lidar"
+    complaint = "found a drive without a reference, expected a transform, or a drive with T_camera_lidar"
     assert str(error.value) == f"{path}: {complaint}"
 
 
@@ -76,8 +76,8 @@ def test_unknown_content(path: Path) -> None:
     with pytest.raises(InputError) as error:
         read_transform(path)
     assert str(error.value) == (
-        f"{path}: found top-level keys 'cam0', 'cam1', needed a transform in a format that `semcal convert --formats` "
-        "lists"
+        f"{path}: found top-level keys 'cam0', 'cam1', expected a transform in a format that `semcal convert "
+        "--formats` lists"
     )
 
 
@@ -166,7 +166,7 @@ def test_compare_reads_every_format(tmp_path: Path) -> None:
     (tmp_path / "b.json").write_text(FILES["direct-visual-lidar"][1])
     found = invoke("compare", tmp_path / "a.txt", tmp_path / "b.json")
     assert found.exit_code == 0, found.output
-    assert found.stdout.splitlines()[-1].startswith("within limits: ")
+    assert "\nverdict          pass: " in found.stdout
 
 
 @pytest.mark.parametrize("name", [*FILES])
@@ -191,7 +191,7 @@ def test_channels_of_nuscenes_need_a_file_beside(tmp_path: Path) -> None:
     found = invoke(*command, stdin=text)
     assert isinstance(found.exception, InputError)
     assert str(found.exception).startswith(
-        "/dev/stdin: found no 'CAM_FRONT', needed --camera with the token of "
+        "/dev/stdin: found no 'CAM_FRONT'; add --camera with the token of "
     )
 
 
@@ -212,9 +212,9 @@ def test_a_bare_matrix_under_its_name_is_a_transform(suffix: str, tmp_path: Path
         (("ExtrinsicMat",), None, None),
         (("P1", "ExtrinsicMat"), None, None),
         (("left", "ExtrinsicMat"), "ExtrinsicMat", None),
-        (("left", "ExtrinsicMat"), None, "found matrices left, ExtrinsicMat, needed --camera to name one"),
-        (("left",), "right", "found matrices left, needed --camera to name one"),
-        ((), None, "found keys rows, needed a 4 x 4 or 3 x 4 matrix, such as CameraExtrinsicMat"),
+        (("left", "ExtrinsicMat"), None, "found matrices left, ExtrinsicMat; add --camera to name one"),
+        (("left",), "right", "found matrices left; add --camera to name one"),
+        ((), None, "found keys rows, expected a 4 x 4 or 3 x 4 matrix, such as CameraExtrinsicMat"),
     ],
 )
 def test_matrices_of_an_opencv_storage(

@@ -85,7 +85,7 @@ def test_a_lens_comes_back_with_the_same_numbers_or_is_left_out(name: str, kind:
     lens, path = CAMERAS[kind], tmp_path / "camera.yaml"
     if lens.model not in LENSES[name]:
         needed = ", ".join(LENSES[name])
-        without(path, name, lens, f"--to {name}: found the lens {lens.model}, needed one of: {needed}")
+        without(path, name, lens, f"--to {name}: found the lens {lens.model}, expected one of: {needed}")
         return
     if (name, kind) == ("kalibr", "plumb_bob, 5"):
         of_kalibr = "needed 0: Kalibr's radtan has k1, k2, p1 and p2"
@@ -191,13 +191,13 @@ def test_a_bare_transform_is_written_alone(tmp_path: Path) -> None:
     assert "camera_matrix" not in invoke("convert", tmp_path / "T.yaml", "--to", "opencv", *L2C).stdout
     found = invoke("convert", tmp_path / "T.yaml", "--to", "camera-info")
     assert str(found.exception) == (
-        f"{tmp_path / 'T.yaml'}: found no camera, needed a semcal calibration or a drive: --to camera-info "
+        f"{tmp_path / 'T.yaml'}: found no camera, expected a semcal calibration or a drive: --to camera-info "
         "writes intrinsics"
     )
     with pytest.raises(InputError) as error:
         write_transform(T_ANY, None, "camera-info")
     assert str(error.value) == (
-        "--to camera-info: found no camera, needed IN to be a semcal calibration or a drive"
+        "--to camera-info: found no camera, expected IN to be a semcal calibration or a drive"
     )
 
 
@@ -205,7 +205,7 @@ def test_a_bare_transform_is_written_alone(tmp_path: Path) -> None:
 def test_a_camera_info_is_no_transform(text: str, street: Path, tmp_path: Path) -> None:
     path = tmp_path / "ost.yaml"
     path.write_text(text)
-    said = f"{path}: found camera-info intrinsics and no transform, needed a file with a transform"
+    said = f"{path}: found camera-info intrinsics and no transform, expected a file with a transform"
     for command in (
         ("convert", path, "--to", "semcal"),
         ("convert", path, "--from", "camera-info", "--to", "kalibr"),

@@ -62,7 +62,7 @@ def test_there_and_back_is_the_same(name: str, frame: CameraFrame, T: np.ndarray
 @pytest.mark.parametrize(("name", "relative_to"), RELATIVE.items())
 def test_what_is_relative_to_something_else_is_only_read(name: str, relative_to: str) -> None:
     with pytest.raises(
-        InputError, match=f"--to {name}: poses are relative to the {relative_to}, needed another format: "
+        InputError, match=f"--to {name}: poses are relative to the {relative_to}; choose another format: "
     ):
         find_format(name).write(T_ANY, FormatOptions())
 
@@ -75,7 +75,7 @@ def test_convert_replaces_nothing_that_it_reads(street: Path, tmp_path: Path) ->
     for source in (drive, drive / "drive.yaml"):
         found = invoke("convert", source, "--to", "opencalib", "-o", drive / "drive.yaml")
         assert isinstance(found.exception, InputError)
-        with pytest.raises(InputError, match=r"drive.yaml: found the input file, needed another name"):
+        with pytest.raises(InputError, match=r"drive.yaml: found the input file; choose another name"):
             convert(source, "opencalib", drive / "drive.yaml")
     assert (drive / "drive.yaml").read_bytes() == before
     os.mkfifo(tmp_path / "pipe")
@@ -100,7 +100,7 @@ def test_convert_replaces_nothing_that_it_reads(street: Path, tmp_path: Path) ->
 def test_options_of_a_program_are_checked(name: str, value: object, needed: str) -> None:
     with pytest.raises(InputError) as error:
         FormatOptions(**{name: value})  # type: ignore[arg-type]
-    assert str(error.value) == f"{name}: found {value!r}, needed {needed}"
+    assert str(error.value) == f"{name}: found {value!r}, expected {needed}"
 
 
 def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def refuse(message: str) -> Target:
     [
         (Target(crash, lambda content: "a.yaml"), KeyError),
         (Target(warn, lambda content: "a.yaml"), RuntimeWarning),
-        (refuse("a.yaml: found nothing, needed a value"), AssertionError),
+        (refuse("a.yaml: found nothing, expected a value"), AssertionError),
         (refuse(""), AssertionError),
         (refuse("PATH: " + "found nothing " * 200), AssertionError),
     ],
@@ -100,6 +100,6 @@ def refuse(message: str) -> Target:
 def test_all_but_a_line_that_names_the_file_is_a_finding(
     target: Target, finding: type[BaseException], tmp_path: Path
 ) -> None:
-    check(refuse("PATH: found nothing, needed a value"), b"", tmp_path)
+    check(refuse("PATH: found nothing, expected a value"), b"", tmp_path)
     with pytest.raises(finding):
         check(target, b"", tmp_path)

@@ -122,7 +122,7 @@ def test_a_drive_of_other_data_is_not_replaced_even_by_force(
     code, _, err = cli("calibrate", "kitti", "--force")
     assert (code, drive.read_text()) == (1, "mine: 1\n")
     assert err == (
-        f"semcal: error: {drive}: found a file that cannot be read as a drive, needed -o in another folder, or first "
+        f"semcal: error: {drive}: found a file that cannot be read as a drive, expected -o in another folder, or first "
         "`semcal import kitti-object kitti --force -o kitti_drive`\n"
     )
 
@@ -131,7 +131,7 @@ def test_options_of_something_else_are_refused(street: Path, recording: Path, cl
     for path, option in ((street, "--image"), (street, "--sequence"), (recording, "--camera")):
         code, _, err = cli("calibrate", path, option, "x")
         assert code == 2
-        assert f"Error: {option} " in err
+        assert f"semcal: error: {option} " in err
 
 
 def test_nothing_that_was_not_named_is_replaced(
@@ -158,7 +158,7 @@ def test_nothing_that_was_not_named_is_replaced(
         folder.symlink_to(elsewhere)
         code, _, err = cli("calibrate", "kitti")
         assert (code, [*elsewhere.iterdir()]) == (1, [])
-        assert f"{folder}: found a link, needed a folder or nothing" in err
+        assert f"{folder}: found a link, expected a folder or nothing" in err
         folder.unlink()
     assert "found suffix '.txt'" in cli("calibrate", "kitti", "-o", "x.txt")[2]
     assert "found the name of a drive" in cli("calibrate", "kitti", "-o", "drive.yaml", "--force")[2]

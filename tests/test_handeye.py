@@ -169,7 +169,7 @@ def test_without_turns_or_images_that_follow_one_another_a_start_is_asked_for(
     assert choose_pairs(sparse) == []
     found = hand_eye(sparse)
     assert isinstance(found, NotDetermined)
-    assert "no frames are consecutive, needed images at most 0.75 s apart" in found.why
+    assert "no frames are consecutive, expected images at most 0.75 s apart" in found.why
     assert isinstance(hand_eye(drive.model_copy(update={"motion": None})), NotDetermined)
     size = {"width": 160, "height": 90, "channels": 16, "columns": 600}
     write_images(LongSweeps(num_frames=8, motion="steady", **size), tmp_path / "straight")

@@ -44,13 +44,13 @@ LIES: dict[str, tuple[Lies, str]] = {
     "a hash that is a path": (etag("TMP/away"), HEX),
     "a hash that is too short": (etag("abc"), HEX),
     "no hash": ({"headers": {"X-Linked-Etag": "", "ETag": ""}}, HEX),
-    "the hash of something else": (etag(HASH), f"found content with the hash .*, needed {HASH}, as stated"),
+    "the hash of something else": (etag(HASH), f"found content with the hash .*, expected {HASH}, as stated"),
     "a commit that leaves the cache": ({"sha": AWAY}, f"found the commit '{AWAY}', needed 40 hexadecimal"),
     "a commit that is a path": ({"sha": "TMP/away"}, "found the commit .*, needed 40 hexadecimal"),
     "a commit that is no text": ({"sha": [1]}, r"found the commit '\[1\]', needed 40 hexadecimal"),
     "a size that is too small": (
         {"headers": {"X-Linked-Size": "7"}},
-        "found more than 7 bytes, needed no more",
+        "found more than 7 bytes, expected no more",
     ),
     "a size that is too large": (
         {"headers": {"X-Linked-Size": "70000"}},
@@ -58,20 +58,20 @@ LIES: dict[str, tuple[Lies, str]] = {
     ),
     "a size that is no number": (
         {"headers": {"X-Linked-Size": "-1"}},
-        "found the size '-1', needed a number of bytes",
+        "found the size '-1', expected a number of bytes",
     ),
     "a size of many digits": (
         {"headers": {"X-Linked-Size": "9" * 400}},
-        "found the size '9+', needed a number",
+        "found the size '9+', expected a number",
     ),
-    "a body without an end": ({"body": endless}, "found more than [0-9,]+ bytes, needed no more"),
+    "a body without an end": ({"body": endless}, "found more than [0-9,]+ bytes, expected no more"),
     "a body that drips": ({"body": dripping}, r"found [0-9]+ bytes in [0-9]+ s, needed 100,000 a second"),
     "a description without an end": ({"told": endless}, r"failed \(found more than 2,097,152 bytes"),
     "a description that drips": ({"told": dripping}, r"failed \(found [0-9]+ bytes in"),
     "a description that nests": ({"told": b"[" * 100_000}, r"failed \(answer.json: nested too deeply\)"),
     "a description that is a list": ({"told": b"[]"}, "found the commit 'None'"),
     "files without names": ({"siblings": [{"rfilename": 5}, 7, None]}, "found no ONNX file"),
-    "files above the cache": ({"siblings": [{"rfilename": f"{AWAY}.onnx"}]}, "needed hf:lab/street:FILE"),
+    "files above the cache": ({"siblings": [{"rfilename": f"{AWAY}.onnx"}]}, "expected hf:lab/street:FILE"),
     "many parts": (
         {
             "siblings": [
@@ -82,7 +82,7 @@ LIES: dict[str, tuple[Lies, str]] = {
     ),
     "a compressed body": (
         {"body": gzip.compress(bytes(1 << 20)), "headers": {"Content-Encoding": "gzip"}},
-        "found an answer compressed by 'gzip', which was not asked for, needed a plain one",
+        "found an answer compressed by 'gzip', which was not asked for, expected a plain one",
     ),
     "redirections in a circle": (
         {"status": 302, "to": "/api/models/lab/street/revision/main"},
@@ -118,7 +118,7 @@ def test_an_answer_that_never_comes_is_given_up(
 ) -> None:
     """A header whose bytes come one by one keeps each single wait short."""
     monkeypatch.setattr(hub_answers, "ANSWER_S", 0.2)
-    with pytest.raises(ValueError, match=r"found no whole answer, needed one within 0\.2 s"):
+    with pytest.raises(ValueError, match=r"found no whole answer, expected one within 0\.2 s"):
         hub_answers._within(0.2, lambda: sleep(2.0))
 
 

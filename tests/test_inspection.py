@@ -46,24 +46,25 @@ def test_what_is_suspicious_comes_first_and_equal_faults_are_one_line(drive: Pat
             frame |= {"points_stamp": 1.0, "image_stamp": 1.5}
         document["frames"][3]["image_labels"] = DRIVE_FILE
     lines = unwrapped(invoke("inspect", drive).stdout, LABEL_WIDTH).splitlines()
-    names = [frame["points"] for frame in document["frames"]]
-    assert lines[0] == f"suspicious  {names[0]}, {names[1]}: sweep and image are 0.500 s apart"
-    assert lines[1].startswith(f"suspicious  {names[3]}: {drive / DRIVE_FILE}: ")
-    assert not any(line.startswith("sweep") for line in lines)
-    assert "is not checked here" in "\n".join(lines)
+    names = [Path(frame["points"]).stem for frame in document["frames"]]
+    assert lines[0] == f"warning     {names[0]}, {names[1]}: sweep and image are 0.500 s apart"
+    assert lines[1].startswith(f"warning     {names[3]}: {drive / DRIVE_FILE}: ")
+    assert not any(line.startswith("frame ") for line in lines)
+    assert "inspect does not check intrinsics" in "\n".join(lines)
     report = json.loads(invoke("inspect", drive, "--json").output)
     assert [frame["gap_s"] for frame in report["frames"]] == [0.5, 0.5, None, None]
     whole = invoke("inspect", drive, "--frames", env={"COLUMNS": "240"})
     rows = unwrapped(whole.stdout, LABEL_WIDTH).splitlines()
     assert rows[: len(lines) - 1] == lines[:-1]
-    assert len(rows) == len(lines) - 1 + 1 + len(names)
+    assert len(rows) == len(lines) + 1 + len(names)
+    assert rows[-1] == lines[-1]
 
 
 def test_what_is_too_little_is_said(drive: Path) -> None:
     with edited(drive) as document:
         all_frames, camera = document["frames"], document["camera"]
         document["frames"] = all_frames[:2]
-    few = "2 frames are few: use 4 or more to find the mounting, and 20 for accuracy"
+    few = "2 frames: use at least 4 to find the mounting, and 20 for accuracy"
     assert looked_at(drive).advice == (few,)
     with edited(drive) as document:
         K = [[1000.0, 0.0, 319.5], [0.0, 1000.0, 179.5], [0.0, 0.0, 1.0]]
@@ -72,7 +73,7 @@ def test_what_is_too_little_is_said(drive: Path) -> None:
     assert same.startswith(
         "the 5 frames show 4 scenes, and frames of one scene count as one: record while driving"
     )
-    assert narrow == "4 scenes through a lens of 35 degrees across are few: 20 or more help"
+    assert narrow == "4 scenes through a lens of 35 degrees across: use at least 20"
 
 
 def test_a_mirrored_cloud_is_recognised(drive: Path) -> None:
@@ -104,12 +105,12 @@ def test_a_drive_without_labels_is_looked_at(drive: Path) -> None:
     output = unwrapped(found.output, LABEL_WIDTH)
     suspicious, *others = output.splitlines()
     assert suspicious == (
-        "suspicious  no image labels: `semcal label` makes them with a network; without them a calibration needs a "
+        "warning     no image labels: `semcal label` makes them with a network; without them a calibration needs a "
         "start (`--init`)"
     )
-    assert not any(line.startswith("suspicious") for line in others)
+    assert not any(line.startswith(("warning", "points", "pixels", "both")) for line in others)
     assert "64 channels" in output
-    assert "points      no labels; segments and edges need none" in output
+    assert others[-1] == f"next        semcal calibrate {drive}"
 
 
 WIDE, HIGH = 640, 360

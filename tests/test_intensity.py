@@ -139,13 +139,13 @@ def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:
     drive = read_drive(street)
     bare = drive.model_copy(update={"frames": (drive.frames[0].model_copy(update={"image": None}),)})
     with pytest.raises(
-        InputError, match=r"frames\[points/000000.bin\].image: found nothing, needed an image"
+        InputError, match=r"frames\[points/000000.bin\].image: found nothing, expected an image"
     ):
         observe_intensity(bare)
     np.save(tmp_path / "xyz.npy", np.ones((50, 3), np.float32))
     blank = drive.frames[0].model_copy(update={"points": str(tmp_path / "xyz.npy"), "point_labels": None})
     blind = drive.model_copy(update={"frames": (blank,)})
-    with pytest.raises(InputError, match=r"xyz.npy: found no intensity, needed one for each point"):
+    with pytest.raises(InputError, match=r"xyz.npy: found no intensity, expected one for each point"):
         observe_intensity(blind)
     flat = changed(street, tmp_path / "flat", image=lambda image: np.full_like(image, 90.0))
     with pytest.raises(CalibrationError, match="grey is nearly the same everywhere"):

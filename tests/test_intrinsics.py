@@ -74,14 +74,14 @@ def test_intrinsics_of_a_part_of_the_image(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("found", "instead", "expected"),
     [
-        ("binning_y: 1", "binning_y: -2", "binning_y: found -2, needed a whole number of at least 0"),
+        ("binning_y: 1", "binning_y: -2", "binning_y: found -2, expected a whole number of at least 0"),
         ("binning_y: 1", "binning_y: 33", "binning_y: found 33, needed at most 32, the height"),
         (
             "x_offset: 0",
             "x_offset: 8",
-            "roi: found x_offset 8 and width 64, needed a region within the width 64",
+            "roi: found x_offset 8 and width 64, expected a region within the width 64",
         ),
-        ("  height: 32", "  height: 0.5", "roi.height: found 0.5, needed a whole number of at least 0"),
+        ("  height: 32", "  height: 0.5", "roi.height: found 0.5, expected a whole number of at least 0"),
     ],
 )
 def test_wrong_parts_of_the_image(tmp_path: Path, found: str, instead: str, expected: str) -> None:
@@ -100,7 +100,7 @@ def test_four_coefficients_of_opencv_may_be_two_models(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         read_intrinsics(path)
     assert str(error.value) == (
-        f"{path}: found 4 coefficients and no fisheye_model, needed --model, such as plumb_bob or fisheye"
+        f"{path}: found 4 coefficients and no fisheye_model; add --model, such as plumb_bob or fisheye"
     )
     write(path, OPENCV.replace("0.002, 0.3 ]", "0.002 ]\nfisheye_model: 1"))
     assert read_intrinsics(path)["model"] == "fisheye"

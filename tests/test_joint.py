@@ -265,11 +265,11 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
     [
         (
             AdjustmentConfig(("fx", "k9")),
-            r"--refine-intrinsics: found 'k9', needed names of plumb_bob: fx, fy",
+            r"--refine-intrinsics: found 'k9', expected names of plumb_bob: fx, fy",
         ),
         (
             AdjustmentConfig(with_delay=True),
-            r"motion: found no direction of motion, needed poses or a twist for --estimate-delay",
+            r"motion: found no direction of motion, expected poses or a twist for --estimate-delay",
         ),
     ],
 )

@@ -68,7 +68,7 @@ def test_a_stopped_run_goes_on_and_other_settings_do_not_mix(plain: Path, tmp_pa
     assert [file.read_bytes() for file in files] == whole
     card(tmp_path, classes=["sky", "road", "green", "brown"], color="bgr")
     result = invoke(*arguments)
-    assert "found labels of another model, drive or settings, needed another -o, or --force" in str(
+    assert "found labels of another model, drive or settings; choose another -o, or --force" in str(
         result.exception
     )
     assert invoke(*arguments, "--force").exit_code == 0
@@ -104,8 +104,8 @@ def test_an_image_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: P
         absent = document["frames"][2]
         del absent["image"]
     images[1].write_bytes(images[1].read_bytes()[:900])
-    first = f"{images[1]}: found a damaged image, needed an intact one"
-    second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, needed an image"
+    first = f"{images[1]}: found a damaged image, expected an intact one"
+    second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, expected an image"
     result = invoke("label", plain, "--image-model", net, "-o", tmp_path / "out")
     assert isinstance(result.exception, InputError)
     assert str(result.exception) == f"2 of {len(images)} frames failed; {first}"
@@ -267,31 +267,31 @@ OF_NETWORKS: tuple[tuple[Callable[[Path], object], str], ...] = (
     (_external("../outside.bin"), "is not a model .*escapes model directory"),
     (
         _two_inputs,
-        "found additional inputs z, needed only an image, or constants for them in a card",
+        "found additional inputs z, expected only an image, or constants for them in a card",
     ),
-    (_point_card, "found a card for sweeps, needed one for images"),
-    (constant_network(np.ones((1, 1, 32, 48))), "found scores of 1 class, needed two or more"),
-    (constant_network(np.full((1, 3, 32, 48), np.nan)), "found a score that is NaN, needed finite ones"),
+    (_point_card, "found a card for sweeps, expected one for images"),
+    (constant_network(np.ones((1, 1, 32, 48))), "found scores of 1 class, expected two or more"),
+    (constant_network(np.full((1, 3, 32, 48), np.nan)), "found a score that is NaN, expected finite ones"),
     (constant_network(np.full((1, 32, 48), -1)), "found ids from -1 to -1, needed 0 to 65534"),
     (
         constant_network(np.ones((1, 7, 32, 9))),
-        "found output of 1 x 7 x 32 x 9 for .*, needed the same stride for rows",
+        "found output of 1 x 7 x 32 x 9 for .*, expected the same stride for rows",
     ),
 )
 """Makers of a network, and what is said of it."""
 OF_CARDS: tuple[tuple[dict[str, object], str], ...] = (
-    ({"constants": {"z": [1]}}, "constants: found z, needed one of: none"),
+    ({"constants": {"z": [1]}}, "constants: found z, expected one of: none"),
     ({"colour": "rgb"}, "unknown key 'colour'; the nearest known key is 'color'"),
     ({"size": [100, 64]}, r"size: found 100 columns, needed 96, as .*net\.onnx states"),
-    ({"fit": "aspect"}, "fit: found aspect without size, needed both"),
+    ({"fit": "aspect"}, "fit: found aspect without size, expected both"),
     (
         {"fit": "aspect", "size": [96, 64]},
-        r"fit: found aspect, needed another: the size of .*net\.onnx is fixed",
+        r"fit: found aspect, expected another: the size of .*net\.onnx is fixed",
     ),
-    ({"multiple": 32}, "multiple: found fit: stretch, needed fit: aspect"),
-    ({"classes": "cityscape"}, "classes: found class table 'cityscape', needed a file or one of: "),
+    ({"multiple": 32}, "multiple: found fit: stretch, expected fit: aspect"),
+    ({"classes": "cityscape"}, "classes: found class table 'cityscape', expected a file or one of: "),
     ({"classes": ["a", "b"]}, "classes: found 2 names, needed 6"),
-    ({"classes": ["a", "a"]}, "classes: found 'a' twice, needed different names"),
+    ({"classes": ["a", "a"]}, "classes: found 'a' twice, expected different names"),
     (
         {"scale": None, "mean": [123.7]},
         r"mean: found 123\.7, needed at most 2 for .* from 0 to 1, or scale: 1\.0",
@@ -322,9 +322,9 @@ def test_a_broken_model_or_card_is_one_line(
 def test_labels_never_replace_what_they_have_not_made(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
     result = invoke("label", plain, "--image-model", net, "-o", plain)
-    assert "found the input drive, needed another name" in str(result.exception)
+    assert "found the input drive; choose another name" in str(result.exception)
     folder = tmp_path / "out/image_labels"
     folder.mkdir(parents=True)
     (folder / "mine.png").write_bytes(b"mine")
     result = invoke("label", plain, "--image-model", net, "-o", tmp_path / "out")
-    assert "found files that `semcal label` did not write, needed another -o" in str(result.exception)
+    assert "found files that `semcal label` did not write; choose another -o" in str(result.exception)

@@ -147,7 +147,7 @@ def test_scores_may_be_bytes_where_the_card_says_that_they_are_scores(tmp_path: 
         labeller(tmp_path / "net.onnx", camera).ids(np.zeros((4, 6, 3), np.uint8)), scores[0].argmax(0)
     )
     card(tmp_path, size=[6, 4], classes=["a", "b", "c"])
-    with pytest.raises(InputError, match=r"ids of \(1, 3, 4, 6\), needed rows x columns"):
+    with pytest.raises(InputError, match=r"ids of \(1, 3, 4, 6\), expected rows x columns"):
         labeller(tmp_path / "net.onnx", camera).ids(np.zeros((4, 6, 3), np.uint8))
 
 
@@ -322,7 +322,7 @@ def test_a_network_of_points_has_no_other_inputs(tmp_path: Path) -> None:
     net = save(tmp_path / "net.onnx", nodes, inputs, {"y": (TensorProto.FLOAT, ["n", 4])}, {})
     stated = {"semcal_point_model": 1, "kind": "points", "classes": ["low", "high"]}
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated))
-    with pytest.raises(InputError, match=r"net.onnx: found additional inputs cells, needed only points$"):
+    with pytest.raises(InputError, match=r"net.onnx: found additional inputs cells, expected only points$"):
         sweep_labeller(open_network(net), None)
 
 

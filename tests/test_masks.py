@@ -155,12 +155,12 @@ def test_another_mask_makes_no_other_camera(street):
 @pytest.mark.parametrize(
     ("mask", "message"),
     [
-        (5, "camera.mask: found 5, needed text"),
+        (5, "camera.mask: found 5, expected text"),
         ([[[0, 0], [1, 1]]], "camera.mask[0]: found a list of 2, needed at least 3"),
-        ([[[0, 0], [1, 1], [2, "a"]]], "camera.mask[0][2][1]: found 'a', needed a number"),
+        ([[[0, 0], [1, 1], [2, "a"]]], "camera.mask[0][2][1]: found 'a', expected a number"),
         ("missing.png", "missing.png: "),
         ("small.png", "small.png: found 8 x 8 pixels, needed 256 x 160"),
-        ("black.png", "camera.mask: found no pixel that is left, needed some that show the scene"),
+        ("black.png", "camera.mask: found no pixel that is left, expected some that show the scene"),
         ([[[-9, -9], [300, -9], [300, 300], [-9, 300]]], "camera.mask: found no pixel that is left"),
     ],
 )

@@ -63,19 +63,19 @@ def test_what_differs_is_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "first_s", "message"),
     [
-        ({"camera": CAMERA | {"width": 65}}, 20.0, "camera: found another width, needed the same camera"),
+        ({"camera": CAMERA | {"width": 65}}, 20.0, "camera: found another width, expected the same camera"),
         ({"camera": CAMERA | {"mask": "m.png"}}, 20.0, "camera.mask: found another value than in {first}"),
         ({"classes": {"points": {"road": [1]}}}, 20.0, "classes: found another value than in {first}"),
         (
             {"motion": {"speed_m_s": 1.0}},
             20.0,
-            "motion: found another value than in {first}, needed the same",
+            "motion: found another value than in {first}, expected the same",
         ),
-        ({"time_unit": "ms"}, 20.0, "time_unit: found another value than in {first}, needed the same"),
+        ({"time_unit": "ms"}, 20.0, "time_unit: found another value than in {first}, expected the same"),
         (
             {"point_columns": ["x", "y", "z", "time"]},
             20.0,
-            "point_columns: found another value than in {first}, needed the same",
+            "point_columns: found another value than in {first}, expected the same",
         ),
         ({}, 10.5, "found poses from 10.000 s on, before the last of"),
     ],
@@ -96,27 +96,27 @@ def test_the_poses_of_another_drive_do_not_cover_a_frame(tmp_path: Path) -> None
     (first / "drive.yaml").write_text(yaml.safe_dump(document))
     result = invoke("merge", first, second, "-o", tmp_path / "both")
     assert str(result.exception).startswith(f"{first / 'lidar.txt'}: ")
-    assert str(result.exception).endswith("needed poses before and after 1.bin")
+    assert str(result.exception).endswith("expected poses before and after 1.bin")
     assert not (tmp_path / "both").exists()
 
 
 def test_a_drive_is_not_replaced_by_the_merged_one(tmp_path: Path) -> None:
     first = write_drive(tmp_path / "first", 10.0)
     result = invoke("merge", first, "-o", first)
-    assert "found one of the drives to merge, needed another -o" in str(result.exception)
+    assert "found one of the drives to merge; choose another -o" in str(result.exception)
     (first / "poses").mkdir()
     (first / "lidar.txt").rename(first / "poses" / "all.txt")
     content = (first / "drive.yaml").read_text()
     (first / "drive.yaml").write_text(content.replace("lidar.txt", "poses/all.txt"))
     result = invoke("merge", first, "-o", first / "all.yaml", "--force")
-    assert f"all.txt: found the poses of {first / 'drive.yaml'}, needed another -o" in str(result.exception)
+    assert f"all.txt: found the poses of {first / 'drive.yaml'}; choose another -o" in str(result.exception)
 
 
 def test_only_a_drive_of_the_same_data_is_replaced(tmp_path: Path) -> None:
     first, other = write_drive(tmp_path / "first", 10.0), write_drive(tmp_path / "other", 10.0)
     before = (other / "drive.yaml").read_text()
     result = invoke("merge", first, "-o", other)
-    assert "found a drive of other data, needed another -o, or --force" in str(result.exception)
+    assert "found a drive of other data; choose another -o, or --force" in str(result.exception)
     assert (other / "drive.yaml").read_text() == before
     assert not (other / "poses").exists()
     for again in ((), (), ("--force",)):

@@ -106,7 +106,7 @@ def test_a_moving_car_sees_what_a_standing_one_sees(
     for motion in ({"twist": TWIST}, {"poses": "poses.txt"}):
         assert offsets_m(load(tmp_path, skewed, motion), still).max() < 1e-4
     absolute = {"twist": TWIST, "point_times": "absolute"}
-    with pytest.raises(InputError, match=r"needed them within 1 s; motion\.point_times is absolute"):
+    with pytest.raises(InputError, match=r"expected them within 1 s; motion\.point_times is absolute"):
         load(tmp_path, skewed, absolute)
 
 
@@ -137,24 +137,24 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
 @pytest.mark.parametrize(
     ("motion", "complaint"),
     [
-        ({}, "motion: found none, needed one of twist, poses, speed_m_s"),
-        ({"twist": TWIST, "speed_m_s": 3.0}, "motion: found twist and speed_m_s, needed one of"),
+        ({}, "motion: found none, expected one of twist, poses, speed_m_s"),
+        ({"twist": TWIST, "speed_m_s": 3.0}, "motion: found twist and speed_m_s, expected one of"),
         (
             {"speed_m_s": 3.0, "sigma": {"linear_m_s": 0.1}},
-            "motion: found sigma beside speed_m_s, needed poses or a twist, whose errors it states",
+            "motion: found sigma beside speed_m_s, expected poses or a twist, whose errors it states",
         ),
         ({"poses": "far.txt"}, "motion: found a motion that moves points of .* to infinity"),
         (
             {"poses": "late.txt"},
-            r"late\.txt: the motion at 16\d+(\.\d+)? s is unknown, needed poses",
+            r"late\.txt: the motion at 16\d+(\.\d+)? s is unknown, expected poses",
         ),
         ({"poses": "few.txt"}, r"few\.txt: found 1 poses, needed at least 2"),
-        ({"poses": "twice.txt"}, r"twice\.txt: found time 1 after 1, needed times that ascend"),
+        ({"poses": "twice.txt"}, r"twice\.txt: found time 1 after 1, expected times that ascend"),
         (
             {"poses": "words.txt"},
-            r"words\.txt: line 1: found something other than numbers, needed seconds x y z",
+            r"words\.txt: line 1: found something other than numbers, expected seconds x y z",
         ),
-        ({"poses": "short.txt"}, r"short\.txt: line 2: found 7 numbers, needed seconds x y z qx qy qz qw"),
+        ({"poses": "short.txt"}, r"short\.txt: line 2: found 7 numbers, expected seconds x y z qx qy qz qw"),
         ({"poses": "long.txt"}, r"long\.txt: line 1: found a quaternion of norm 2, needed norm 1"),
     ],
 )
@@ -187,14 +187,14 @@ def test_times_of_another_unit_or_clock_are_refused(tmp_path: Path, skewed: dict
     frames = [skewed["frames"][0] | {"points": str(tmp_path / "us.npy")}]
     with pytest.raises(
         InputError,
-        match=r"us\.npy: found point times that span 0\.0001 s, 0\.1 s as us, needed time_unit: us in",
+        match=r"us\.npy: found point times that span 0\.0001 s, 0\.1 s as us, expected time_unit: us in",
     ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
     in_microseconds = load(tmp_path, skewed | {"frames": frames, "time_unit": "us"}, {"twist": TWIST})
     as_written = load(tmp_path, skewed | {"frames": skewed["frames"][:1]}, {"twist": TWIST})
     moved, expected = (seen.clouds[0].points for seen in (in_microseconds, as_written))
     np.testing.assert_allclose(moved, expected, atol=1e-3)
-    with pytest.raises(InputError, match=r"us\.npy: .* needed time_unit: us in"):
+    with pytest.raises(InputError, match=r"us\.npy: .* expected time_unit: us in"):
         load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 9.0})
     assert load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 0.0}).motion_error_px == 0.0
     late = [skewed["frames"][0] | {"image_stamp": STAMPS["image_stamp"] + 1000.0}]
@@ -208,7 +208,7 @@ def test_times_of_another_unit_or_clock_are_refused(tmp_path: Path, skewed: dict
 def test_motion_needs_stamps(tmp_path: Path, skewed: dict[str, Any], key: str) -> None:
     frames = [{k: v for k, v in frame.items() if k != key} for frame in skewed["frames"]]
     with pytest.raises(
-        InputError, match=rf"frames\[.*0\.npy\]\.{key}: found nothing, needed a time for the motion"
+        InputError, match=rf"frames\[.*0\.npy\]\.{key}: found nothing, expected a time for the motion"
     ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
 

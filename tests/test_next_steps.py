@@ -27,7 +27,7 @@ DRIVE, RESULT = Path("my drive"), Path("my drive/c.yaml")
             [
                 "next             semcal overlay 'my drive' 'my drive/c.yaml' -o 'my drive/c_overlay'",
                 "for a robot      semcal convert 'my drive/c.yaml' --to ros2-static-transform",
-                "on a later drive semcal verify checks whether c.yaml still holds",
+                "later            semcal verify NEW_DRIVE 'my drive/c.yaml'",
             ],
         ),
         (

@@ -36,11 +36,11 @@ def test_options_of_a_file_are_those_that_are_typed(street: Path, tmp_path: Path
             "calibrate.cues: `semcal calibrate --help` lists no such option",
         ),
         (f"{HEAD}calibrate: {{max-frames: -5}}", "calibrate.max-frames: -5 is not in the range x>=1."),
-        (f"{HEAD}calibrate: {{force: 1}}", "calibrate.force: found 1, needed true or false"),
-        (f"{HEAD}calibrate: {{exclude: a}}", "calibrate.exclude: found 'a', needed a list"),
-        (f"{HEAD}calibrate: {{seed: [1]}}", "calibrate.seed: found [1], needed one value"),
-        (f"{HEAD}calibrate: {{seed: }}", "calibrate.seed: found None, needed a number or a text"),
-        (f"{HEAD}calibrate: edges", "calibrate: found 'edges', needed a mapping of options"),
+        (f"{HEAD}calibrate: {{force: 1}}", "calibrate.force: found 1, expected true or false"),
+        (f"{HEAD}calibrate: {{exclude: a}}", "calibrate.exclude: found 'a', expected a list"),
+        (f"{HEAD}calibrate: {{seed: [1]}}", "calibrate.seed: found [1], expected one value"),
+        (f"{HEAD}calibrate: {{seed: }}", "calibrate.seed: found None, expected a number or a text"),
+        (f"{HEAD}calibrate: edges", "calibrate: found 'edges', expected a mapping of options"),
     ],
 )
 def test_a_wrong_file_is_one_line(content: str, message: str, street: Path, tmp_path: Path) -> None:

@@ -149,8 +149,8 @@ def test_without_an_image_the_label_image_is_shown(tmp_path: Path) -> None:
     [
         ("small.png", 0, "o.png", r"small.png: found 640 x 100 pixels, needed 640 x 360"),
         ("missing.jpg", 0, "o.png", r"missing.jpg: no such file or folder"),
-        (None, 1, "o.png", r"found 1 frame, needed one numbered 1"),
-        (None, 0, "o.jpg", r"o.jpg: found suffix '.jpg', needed .png"),
+        (None, 1, "o.png", r"found 1 frame, expected one numbered 1"),
+        (None, 0, "o.jpg", r"o.jpg: found suffix '.jpg', expected .png"),
     ],
 )
 def test_wrong_input(image: str | None, frame: int, name: str, complaint: str, tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_a_drive_without_labels_is_shown_by_what_needs_none(drive: Path, tmp_pat
         assert (tmp_path / by).exists() == is_enough
     without(drive, "image")
     result = invoke("overlay", drive, drive, "--by", "edge", "-o", tmp_path / "out")
-    assert str(result.exception).endswith(".image: found nothing, needed an image")
+    assert str(result.exception).endswith(".image: found nothing, expected an image")
 
 
 @pytest.mark.parametrize("command", ["overlay", "calibrate"])
@@ -207,7 +207,7 @@ def test_images_replace_nothing_that_is_read(command: str, street: Path, tmp_pat
     options = {"overlay": [drive, "-o", labels], "calibrate": ["--overlay", labels]}
     result = invoke(command, drive, *options[command])
     assert isinstance(result.exception, InputError)
-    assert "000000.png: found a file that this run reads, needed another folder" in str(result.exception)
+    assert "000000.png: found a file that this run reads; choose another folder" in str(result.exception)
     assert (labels / "000000.png").read_bytes() == before
 
 

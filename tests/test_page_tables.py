@@ -64,7 +64,7 @@ def test_a_page_without_one_such_place_is_refused(page: Path, text: str, number:
         find_place(str(page), "ours")
     assert str(refused.value) == (
         f"{page}: found {number} places from a line '<!-- table: ours -->' to a line '<!-- end of table -->', "
-        "needed one"
+        "expected one"
     )
     assert page.read_bytes() == text.encode()
 
@@ -81,7 +81,7 @@ def test_a_page_that_cannot_be_replaced_is_refused(page: Path, monkeypatch: pyte
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) == page.parent)
     with pytest.raises(InputError) as refused:
         find_place(str(link), "ours")
-    assert str(refused.value) == f"{link}: found a link, needed a file or nothing"
+    assert str(refused.value) == f"{link}: found a link, expected a file or nothing"
 
 
 @pytest.mark.parametrize("name", ["c#/page.md", "my#page.md"])
@@ -180,7 +180,7 @@ def whole() -> Iterator[str]:
 
 def refused() -> Iterator[str]:
     yield "| half |"
-    raise InputError("drive.yaml: found nothing, needed a drive")
+    raise InputError("drive.yaml: found nothing, expected a drive")
 
 
 def test_a_script_writes_its_table_into_the_page(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,8 +194,8 @@ def test_a_script_writes_its_table_into_the_page(page: Path, monkeypatch: pytest
 @pytest.mark.parametrize(
     ("main", "options", "ending"),
     [
-        (refused, [], "drive.yaml: found nothing, needed a drive"),
-        (lambda: ["none"], [], "PAGE: found no table to write below '<!-- table: ours -->', needed one"),
+        (refused, [], "drive.yaml: found nothing, expected a drive"),
+        (lambda: ["none"], [], "PAGE: found no table to write below '<!-- table: ours -->'"),
         (whole, ["--help"], 0),
     ],
 )

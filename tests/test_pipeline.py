@@ -83,42 +83,42 @@ def test_stages_that_are_asked_for_tell_as_well(
 @pytest.mark.parametrize(
     ("settings", "complaint"),
     [
-        ({"cues": ()}, "cues: found (), needed a tuple of different cues"),
-        ({"cues": ["labels"]}, "cues: found ['labels'], needed a tuple of different cues"),
+        ({"cues": ()}, "cues: found (), expected a tuple of different cues"),
+        ({"cues": ["labels"]}, "cues: found ['labels'], expected a tuple of different cues"),
         (
             {"cues": ({},)},
-            "cues: found {}, needed one of: labels, segments, edges, intensity, features, auto",
+            "cues: found {}, expected one of: labels, segments, edges, intensity, features, auto",
         ),
-        ({"seed": -1}, "seed: found -1, needed a whole number from 0 to 9223372036854775807"),
-        ({"seed": True}, "seed: found True, needed a whole number from 0 to 9223372036854775807"),
-        ({"seed": 10**400}, f"seed: found {10**400}, needed a whole number from 0 to 9223372036854775807"),
+        ({"seed": -1}, "seed: found -1, expected a whole number from 0 to 9223372036854775807"),
+        ({"seed": True}, "seed: found True, expected a whole number from 0 to 9223372036854775807"),
+        ({"seed": 10**400}, f"seed: found {10**400}, expected a whole number from 0 to 9223372036854775807"),
         (
             {"refinement": RefinementConfig(max_baseline_m=10**400)},
-            f"max_baseline_m: found {10**400}, needed a number above 0",
+            f"max_baseline_m: found {10**400}, expected a number above 0",
         ),
         (
             {"refinement": RefinementConfig(jointly=AdjustmentConfig(intrinsics=(1,)))},  # type: ignore[arg-type]
-            "intrinsics: found (1,), needed a tuple of str",
+            "intrinsics: found (1,), expected a tuple of str",
         ),
-        ({"max_frames": 0}, "max_frames: found 0, needed a whole number from 1 on"),
-        ({"max_frames": 2.0}, "max_frames: found 2.0, needed a whole number from 1 on"),
-        ({"is_raw": "yes"}, "is_raw: found 'yes', needed True or False"),
-        ({"refinement": None}, "refinement: found None, needed RefinementConfig"),
+        ({"max_frames": 0}, "max_frames: found 0, expected a whole number from 1 on"),
+        ({"max_frames": 2.0}, "max_frames: found 2.0, expected a whole number from 1 on"),
+        ({"is_raw": "yes"}, "is_raw: found 'yes', expected True or False"),
+        ({"refinement": None}, "refinement: found None, expected RefinementConfig"),
         (
             {"initialization": RefinementConfig()},
-            "initialization: found RefinementConfig, needed InitializationConfig",
+            "initialization: found RefinementConfig, expected InitializationConfig",
         ),
         (
             {"initialization": InitializationConfig(coarse_cell_deg=math.nan)},
-            "coarse_cell_deg: found nan, needed a number",
+            "coarse_cell_deg: found nan, expected a number",
         ),
         (
             {"refinement": RefinementConfig(estimator="x")},  # type: ignore[arg-type]
-            "estimator: found 'x', needed one of: exact, mine",
+            "estimator: found 'x', expected one of: exact, mine",
         ),
         (
             {"refinement": RefinementConfig(jointly=AdjustmentConfig(intrinsics=None))},  # type: ignore[arg-type]
-            "intrinsics: found None, needed a tuple of str",
+            "intrinsics: found None, expected a tuple of str",
         ),
     ],
 )
@@ -136,9 +136,9 @@ def test_numbers_of_arrays_are_numbers() -> None:
 
 def test_what_are_no_settings_is_refused(street: Path, street_truth: Pose) -> None:
     for refused in (3, {}):
-        with pytest.raises(InputError, match=rf"^config: found {refused}, needed a CalibrationConfig$"):
+        with pytest.raises(InputError, match=rf"^config: found {refused}, expected a CalibrationConfig$"):
             calibrate(street, refused)  # type: ignore[arg-type]
-        with pytest.raises(InputError, match=rf"^limits: found {refused}, needed Limits$"):
+        with pytest.raises(InputError, match=rf"^limits: found {refused}, expected Limits$"):
             verify(street, street_truth, refused)  # type: ignore[arg-type]
 
 

@@ -29,7 +29,7 @@ from semcal_cli.plugins import PluginError, Plugins, PluginWarning
 from semcal_cli.result.calibration_document import read_calibration
 
 EXAMPLE = Path(__file__).with_name("example_plugin")
-NEEDED = "needed one or more of labels, segments, edges, intensity, features, auto"
+NEEDED = "expected one or more of labels, segments, edges, intensity, features, auto"
 
 
 def semcal(*words: object, packages: Path | None = None, code: int = 0) -> subprocess.CompletedProcess[str]:
@@ -81,7 +81,7 @@ def test_a_format_is_listed_read_and_written(installed: Path, tmp_path: Path) ->
     semcal("convert", path, "--to", "semcal", "-o", back, packages=installed)
     np.testing.assert_allclose(read_transform(back), T_ANY, atol=1e-12)
     without = semcal("convert", path, "--to", "semcal", code=1).stderr
-    assert "found top-level keys 'mounting', needed a transform in a format of --from: semcal, " in without
+    assert "found top-level keys 'mounting', expected a transform in a format of --from: semcal, " in without
 
 
 def test_a_data_set_is_listed_and_imported(installed: Path, tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_the_policy_of_a_cue_takes_effect(installed: Path, street: Path, tmp_pat
     semcal("refine", street, "--init", street, *asked, "--max-frames", 2, packages=installed, code=3)
     made = read_calibration(path)
     assert made.settings.options["refinement"]["starts"]["num_starts"] == [8, 4, 2]  # type: ignore[index, call-overload]
-    few = "the frames show 2 places, needed at least 3 for brightness: add frames from other places"
+    few = "the frames show 2 places; at least 3 are needed for brightness: add frames from other places"
     assert few in made.reasons
 
 
@@ -172,27 +172,27 @@ def test_broken_plugins_are_one_line_each(installed: Path, street: Path, tmp_pat
     packages = broken(Path(shutil.copytree(installed, tmp_path / "site")))
     formats = semcal("convert", "--formats", packages=packages)
     assert warned(formats) == [
-        "--up of semcal.formats: found this name, needed letters, digits, '_', '.' and '-', not '-' or '.' first",
-        "urdf of semcal.formats: found a name that semcal already has, needed another",
+        "--up of semcal.formats: found this name, expected letters, digits, '_', '.' and '-', not '-' or '.' first",
+        "urdf of semcal.formats: found a name that semcal already has; choose another",
         "absent of semcal.formats: cannot be imported: ModuleNotFoundError: No module named 'nowhere'",
-        "number of semcal.formats: found an object of class int, needed Format",
+        "number of semcal.formats: found an object of class int, expected Format",
     ]
     assert len(formats.stderr.splitlines()) == 4
     assert "my-robot" in formats.stdout
     imports = semcal("import", "--help", packages=packages)
     assert warned(imports) == [
-        "folder of semcal.datasets: found a name that semcal already has, needed another",
+        "folder of semcal.datasets: found a name that semcal already has; choose another",
         "leaving of semcal.datasets: cannot be imported: SystemExit: not today",
     ]
     assert "leaving" not in imports.stdout
     assert "my-robot" in imports.stdout
     cue = semcal("refine", street, "--init", street, "--cue", "typo", packages=packages, code=1)
     assert warned(cue) == [
-        "brightness of semcal.cues: found a name that my-robot 1.0 already has, needed another",
+        "brightness of semcal.cues: found a name that my-robot 1.0 already has; choose another",
         "typo of semcal.cues: cannot be imported: AttributeError: module 'z_robot' has no attribute 'NAMBER'",
     ]
     *_, error = cue.stderr.splitlines()
-    assert error.startswith("semcal: error: cues: found 'typo', needed one of: labels, ")
+    assert error.startswith("semcal: error: cues: found 'typo', expected one of: labels, ")
     assert "Traceback" not in formats.stderr + imports.stderr + cue.stderr
     # Who asks for nothing of plugins hears nothing of them.
     assert semcal("convert", street, "--to", "kalibr", packages=packages).stderr == ""
@@ -299,15 +299,15 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("failing", "wrong_robot.py, line 15: KeyError: 'velodyne'"),
         ("leaving", "wrong_robot.py, line 17: SystemExit: 0"),
-        ("nothing", "TypeError: found nothing, needed a Recording"),
+        ("nothing", "TypeError: found nothing, expected a Recording"),
         ("no_frames", "ValueError: frames: found none, needed at least one"),
         (
             "array",
-            "TypeError: camera: Object of type ndarray is not JSON serializable; needed numbers, text, ",
+            "TypeError: camera: Object of type ndarray is not JSON serializable; expected numbers, text, ",
         ),
-        ("text", "TypeError: frames[0].points: found '0.bin', needed Path or Conversion"),
-        ("remark", "TypeError: remarks[1]: found 3, needed str"),
-        ("late", "TypeError: frames[0].image_stamp: found inf, needed a number or None"),
+        ("text", "TypeError: frames[0].points: found '0.bin', expected Path or Conversion"),
+        ("remark", "TypeError: remarks[1]: found 3, expected str"),
+        ("late", "TypeError: frames[0].image_stamp: found inf, expected a number or None"),
     ],
 )
 @pytest.mark.usefixtures("wrong")
@@ -326,14 +326,14 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
     with pytest.raises(PluginError, match="line 27: ZeroDivisionError: "):
         (found.frames[0].points).cloud()  # type: ignore[union-attr]
     found = read_dataset("no_cloud", recording.Request(street))
-    with pytest.raises(PluginError, match="TypeError: cloud: found nothing, needed a Cloud"):
+    with pytest.raises(PluginError, match="TypeError: cloud: found nothing, expected a Cloud"):
         (found.frames[0].points).cloud()  # type: ignore[union-attr]
     camera = read_document(street / "drive.yaml")["camera"]
     for name, cloud, said in (
         (
             "../../0",
             np.zeros((2, 4), np.float32),
-            "found the name of no file, needed one for its converted cloud",
+            "found the name of no file, expected one for its converted cloud",
         ),
         ("0", np.zeros((2, 3), np.float32), "found points of shape (2, 3), needed (N, 4)"),
     ):
@@ -360,22 +360,26 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
         ("FEWER", "ValueError: observe: found 1 frame, needed 4, by one cue"),
         (
             "WIDE",
-            "ValueError: frame 0: classes of pixels: found int64 of shape (360, 640), needed uint8 of shape",
+            "ValueError: frame 0: classes of pixels: found int64 of shape (360, 640), expected uint8 of shape",
         ),
-        ("MISNAMED", "ValueError: files: found ('picture',), needed a tuple of: points, "),
-        ("STARTED", "TypeError: starts: found a list of 2, needed a StartsConfig or None"),
-        ("UNSURE", "TypeError: is_coarse: found 1, needed True or False"),
-        ("WEIGHTLESS", "ValueError: weight_beside_local: found 0, needed a number above 0 and up to 1"),
-        ("SCENELESS", "ValueError: min_scenes: found 2.5, needed a whole number of at least 1"),
-        ("LOST", "ValueError: can_find_mounting: found False beside finds_mounting_alone=True, needed True"),
+        ("MISNAMED", "ValueError: files: found ('picture',), expected a tuple of: points, "),
+        ("STARTED", "TypeError: starts: found a list of 2, expected a StartsConfig or None"),
+        ("UNSURE", "TypeError: is_coarse: found 1, expected True or False"),
+        ("WEIGHTLESS", "ValueError: weight_beside_local: found 0, expected a number above 0 and up to 1"),
+        ("SCENELESS", "ValueError: min_scenes: found 2.5, expected a whole number of at least 1"),
+        (
+            "LOST",
+            "ValueError: can_find_mounting: found False beside finds_mounting_alone=True, expected True",
+        ),
         (
             "PARTED",
-            "ValueError: has_partitions: found False in what it observes, needed True, as the cue states",
+            "ValueError: has_partitions: found False in what it observes, expected True, as the cue states",
         ),
-        ("CONTRASTED", "ValueError: starts: found a contrast, needed none: it is for starts_alone"),
+        ("CONTRASTED", "ValueError: starts: found a contrast, expected none: it is for starts_alone"),
         (
             "FLAT",
-            "ValueError: starts_alone.contrast: found weights of range step 1, range step 2, range step 3, needed any",
+            "ValueError: starts_alone.contrast: found weights of range step 1, range step 2, range step 3, expected "
+            "any",
         ),
         (
             "PLAINLESS",
@@ -393,10 +397,10 @@ def test_a_wrong_cue_names_its_plugin(name: str, said: str, street: Path) -> Non
 @pytest.mark.usefixtures("wrong")
 def test_a_wrong_format_names_its_plugin() -> None:
     with pytest.raises(
-        InputError, match="found format ONLY_READ, which is only read, needed one that is written"
+        InputError, match="found format ONLY_READ, which is only read, expected one that is written"
     ):
         write_transform(T_ANY, None, "ONLY_READ")
     with pytest.raises(
-        PluginError, match=r"WORDS of semcal\.formats: TypeError: make: found 'words', needed bytes"
+        PluginError, match=r"WORDS of semcal\.formats: TypeError: make: found 'words', expected bytes"
     ):
         write_transform(T_ANY, None, "WORDS")

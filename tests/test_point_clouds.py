@@ -308,7 +308,7 @@ def test_a_drive_whose_labels_are_in_its_clouds(tmp_path: Path, name: str) -> No
         with pytest.raises(InputError) as complaint:
             read_observations(read_drive(tmp_path))
         assert str(complaint.value) == (
-            f"{tmp_path}/drive.yaml: frames[a.ply].point_labels: found nothing, needed a file of class "
+            f"{tmp_path}/drive.yaml: frames[a.ply].point_labels: found nothing, expected a file of class "
             "ids, or a field of the cloud named label, class or semantic; edges need none (--cue edges)"
         )
         return
@@ -416,28 +416,36 @@ def test_tables_of_numbers(name: str, text: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("points", "keys", "complaint"),
     [
-        ("a.bin", {"point_columns": ["x", "y", "_"]}, "point_columns: found no z, needed x, y and z"),
+        ("a.bin", {"point_columns": ["x", "y", "_"]}, "point_columns: found no z, expected x, y and z"),
         (
             "a.bin",
             {"point_columns": ["x", "y", "z", "x"]},
-            "point_columns: found x twice, needed each column once",
+            "point_columns: found x twice, expected each column once",
         ),
-        ("a.bin", {"point_columns": ["x", "y", "z", "r"]}, r"point_columns\[3\]: found 'r', needed 'x', 'y'"),
-        ("a.bin", {"point_type": "f8"}, "found point_type f8 without point_columns, needed both, or neither"),
+        (
+            "a.bin",
+            {"point_columns": ["x", "y", "z", "r"]},
+            r"point_columns\[3\]: found 'r', expected 'x', 'y'",
+        ),
+        (
+            "a.bin",
+            {"point_type": "f8"},
+            "found point_type f8 without point_columns, expected both, or neither",
+        ),
         (
             "a.pcd",
             {"point_columns": ["x", "y", "z"]},
-            "found point_columns and no .bin file of points, needed none",
+            "found point_columns and no .bin file of points, expected none",
         ),
         (
             "a.bin",
             {"time_unit": "min"},
-            "time_unit: found 'min', needed s, ms, us, ns, or its length in seconds",
+            "time_unit: found 'min', expected s, ms, us, ns, or its length in seconds",
         ),
         (
             "a.bin",
             {"time_unit": -0.1},
-            "time_unit: found -0.1, needed s, ms, us, ns, or its length in seconds",
+            "time_unit: found -0.1, expected s, ms, us, ns, or its length in seconds",
         ),
     ],
 )
@@ -469,7 +477,7 @@ def test_a_pointer_of_git_lfs_is_named(name: str, tmp_path: Path) -> None:
     pointer = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 1920000\n"
     (tmp_path / name).write_text(pointer)
     with pytest.raises(
-        InputError, match="found a Git LFS pointer, needed the file itself: run `git lfs pull`"
+        InputError, match="found a Git LFS pointer, expected the file itself: run `git lfs pull`"
     ):
         read(tmp_path / name)
     (tmp_path / "a.png").write_text(pointer)

@@ -48,16 +48,16 @@ SHARES, MILLISECONDS = np.linspace(0.0, 1.0, 50), np.linspace(0.0, 100.0, 50)
 @pytest.mark.parametrize(
     ("times", "gap_s", "complaint"),
     [
-        (SHARES, 0.1, r"span 1 s in sweeps 0\.1 s apart, needed time_unit .*: 0\.1 if they are shares"),
-        (SHARES, 3.0, r"from 0 to 1, which may be seconds or shares of a sweep, needed time_unit"),
-        (0.5 * SHARES, 0.1, r"span 0\.5 s in sweeps 0\.1 s apart, needed time_unit"),
-        (MILLISECONDS, 0.1, r"span 100 s, 0\.1 s as ms, needed time_unit: ms in drive\.yaml"),
-        (1e3 * MILLISECONDS, 3.0, r"span 1e\+05 s, 0\.1 s as us, needed time_unit: us"),
-        ((1e3 * MILLISECONDS).astype("u4"), 3.0, r"span 0\.0001 s, 0\.1 s as us, needed time_unit: us"),
+        (SHARES, 0.1, r"span 1 s in sweeps 0\.1 s apart, expected time_unit .*: 0\.1 if they are shares"),
+        (SHARES, 3.0, r"from 0 to 1, which may be seconds or shares of a sweep, expected time_unit"),
+        (0.5 * SHARES, 0.1, r"span 0\.5 s in sweeps 0\.1 s apart, expected time_unit"),
+        (MILLISECONDS, 0.1, r"span 100 s, 0\.1 s as ms, expected time_unit: ms in drive\.yaml"),
+        (1e3 * MILLISECONDS, 3.0, r"span 1e\+05 s, 0\.1 s as us, expected time_unit: us"),
+        ((1e3 * MILLISECONDS).astype("u4"), 3.0, r"span 0\.0001 s, 0\.1 s as us, expected time_unit: us"),
         (
             1000.0 + 0.1 * SHARES,
             0.1,
-            r"needed them within 1 s; motion\.point_times is relative, and absolute would",
+            r"expected them within 1 s; motion\.point_times is relative, and absolute would",
         ),
     ],
 )

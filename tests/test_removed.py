@@ -19,7 +19,7 @@ def test_the_error_says_what_to_use_instead(command: str, name: str, cli: Cli) -
         words.append("--help")  # a command that exists after all does nothing
     code, out, err = cli(*words)
     assert (code, out) == (EXIT_USAGE, "")
-    assert err.splitlines()[-1] == f"Error: {name} was removed: {REMOVED[command, name]}."
+    assert err.splitlines()[0] == f"semcal: error: {name} was removed: {REMOVED[command, name]}."
 
 
 @pytest.mark.parametrize(("command", "name"), REMOVED)
@@ -42,7 +42,8 @@ def test_the_options_of_many_drives_are_explained(cli: Cli, tmp_path: Path) -> N
     code, _, err = cli("batch", "d", "-o", tmp_path / "r", "--", "--method", "soic")
     assert code == EXIT_USAGE
     assert (
-        err.splitlines()[-1] == f"Error: --method soic was removed: {REMOVED['calibrate', '--method soic']}."
+        err.splitlines()[0]
+        == f"semcal: error: --method soic was removed: {REMOVED['calibrate', '--method soic']}."
     )
 
 

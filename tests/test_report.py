@@ -133,7 +133,10 @@ def test_frames_that_are_listed_again_are_read_once(made: Path, street: Path) ->
 
 
 def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
-    for output, needed in ((made / "c.yaml", "needed .html"), (made / "none" / "r.html", "needed one to")):
+    for output, needed in (
+        (made / "c.yaml", "expected .html"),
+        (made / "none" / "r.html", "expected one to"),
+    ):
         result = invoke("report", street, made / "c.yaml", "-o", output)
         assert result.exit_code == 1
         assert needed in str(result.exception)

@@ -312,12 +312,12 @@ def test_compare_says_that_cameras_differ(file: Path, made: Path, right: Camera)
 def test_the_summary_lists_intrinsics_and_clock(record: CalibrationDocument, right: Camera) -> None:
     lines = summary_lines(record.model_copy(update={"clock": clock()}))
     fx, fy, cx = right.K[0][0], right.K[1][1], right.K[0][2]
-    start = lines.index(f"intrinsics       fx {fx:.2f} +- 0.42 px (drive: {1.03 * fx:.2f})")
+    start = lines.index(f"intrinsics       fx {fx:.2f} ± 0.42 px (drive: {1.03 * fx:.2f})")
     assert lines[start + 1 : start + 5] == [
-        f"                 fy {fy:.2f} +- 0.50 px (drive: {1.03 * fy:.2f})",
+        f"                 fy {fy:.2f} ± 0.50 px (drive: {1.03 * fy:.2f})",
         f"                 cx not determined: kept at {cx:.6g} px",
-        "                 kept: held-out data gain 0.0123 +- 0.0010 nats",
-        "clock            images are 23.1 ms later than their stamps say, +- 1.2 ms",
+        "                 kept: held-out data gain 0.0123 ± 0.0010 nats",
+        "clock            images are 23.1 ms later than their stamps say, ±1.2 ms",
     ]
 
 

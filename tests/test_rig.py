@@ -169,8 +169,8 @@ def test_other_commands_want_the_drive_of_one_camera(rig: Path, tmp_path: Path) 
     for path in (rig, rig.parent):
         result = invoke("verify", path, rig.parent / "camera_0")
         assert str(result.exception) == (
-            f"{rig}: found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, needed the "
-            "drive of one of its cameras"
+            f"{rig}: found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, expected "
+            "the drive of one of its cameras"
         )
 
 
@@ -217,29 +217,29 @@ IDENTITY = np.eye(4).tolist()
     ("changes", "complaint"),
     [
         ({"cameras": {"front": "camera_0"}}, "cameras: found a mapping of 1, needed at least 2"),
-        ({"cameras": {"front": "camera_0", "a/b": "camera_1"}}, "needed a camera name of letters"),
+        ({"cameras": {"front": "camera_0", "a/b": "camera_1"}}, "expected a camera name of letters"),
         (
             {"cameras": {"front": "camera_0", "Front": "camera_1"}},
-            "needed names that differ in more than case",
+            "expected names that differ in more than case",
         ),
         (
             {"cameras": {"a": "camera_0", "b": "camera_0/drive.yaml"}},
-            "for 'a' and 'b', needed a drive for each",
+            "for 'a' and 'b', expected a drive for each",
         ),
         ({"cameras": {"a": "camera_0", "b": "none"}}, "none: no such file"),
         ({"camera": {}}, "unknown key 'camera'; the nearest known key is 'cameras'"),
-        ({"T_camera_camera": {"camera_0": {"left": IDENTITY}}}, "found camera 'left', needed one of"),
+        ({"T_camera_camera": {"camera_0": {"left": IDENTITY}}}, "found camera 'left', expected one of"),
         ({"T_camera_camera": {"camera_0": {"camera_0": IDENTITY}}}, "found 'camera_0' under itself"),
         (
             {"T_camera_camera": {"camera_0": {"camera_1": IDENTITY}, "camera_1": {"camera_0": IDENTITY}}},
-            "in both directions, needed one of them",
+            "in both directions, expected one of them",
         ),
         (
             {"T_camera_camera": {"camera_0": {"camera_1": [[1, 2], [3, 4]]}}},
             "T_camera_camera.camera_0.camera_1",
         ),
         ({"semcal_rig": 2}, "semcal_rig: found 2"),
-        ({"cameras": {"a": "camera_0", "Rig_Calibration": "camera_1"}}, "needed a name that differs from"),
+        ({"cameras": {"a": "camera_0", "Rig_Calibration": "camera_1"}}, "expected a name that differs from"),
     ],
 )
 def test_mistakes_are_named(rig: Path, changes: dict, complaint: str, tmp_path: Path) -> None:
@@ -261,9 +261,9 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
     ):
         result = run(rig, *(["-o", tmp_path] if options else []), *options)
         assert result.exit_code == 2
-        message = f"Error: {options[0]} is for one camera, but {rig} is a rig." if options else "Error: -o: "
+        message = f"error: {options[0]} is for one camera, but {rig} is a rig." if options else "error: -o: "
         assert message in result.output
-    assert "needed a folder" in str(run(rig, "-o", tmp_path / "out.yaml").exception)
+    assert "expected a folder" in str(run(rig, "-o", tmp_path / "out.yaml").exception)
     # Results would replace a drive of the rig.
     for name in NAMES:
         (tmp_path / f"{name}.yaml").write_text((rig.parent / name / "drive.yaml").read_text())
@@ -277,7 +277,7 @@ def test_drives_of_another_lidar_are_no_rig(rig: Path, tmp_path: Path) -> None:
     drive = tmp_path / "camera_1/drive.yaml"
     drive.write_text(drive.read_text().replace("channels: 32", "channels: 64"))
     complaint = (
-        "found different `lidar` blocks in the drives of 'camera_0' and 'camera_1', needed the same LiDAR"
+        "found different `lidar` blocks in the drives of 'camera_0' and 'camera_1', expected the same LiDAR"
     )
     with pytest.raises(InputError, match=complaint):
         read_rig(path).read_drives()
@@ -301,7 +301,7 @@ def test_cameras_that_share_no_clouds_are_no_rig(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump({"semcal_rig": 1, "cameras": cameras}))
     assert str(run(path, "-o", tmp_path / "out").exception) == (
         f"{path}: cameras: found no cloud of 'left' and 'right' among those of 'front' and 'rear', "
-        "needed drives that name the same clouds, because the cameras of a rig share one LiDAR"
+        "expected drives that name the same clouds, because the cameras of a rig share one LiDAR"
     )
     assert not (tmp_path / "out").exists()
 

@@ -113,7 +113,7 @@ def test_what_is_suspicious_with_any_camera_stands_first(rig: Path, tmp_path: Pa
     with edited(out / "camera_1") as drive:
         drive["camera"]["K"][0][2] += 400.0
     lines = invoke("inspect", out).stdout.splitlines()
-    assert lines[0].startswith("suspicious  camera_1: ")
+    assert lines[0].startswith("warning     camera_1: ")
     assert [line for line in lines if line.startswith("[")] == [f"[{name}]" for name in NAMES]
     first = lines.index("[camera_0]")
     assert not any(line.startswith("suspicious") for line in lines[first:])
@@ -134,17 +134,17 @@ def test_results_that_do_not_belong_to_the_rig(rig: Path, rig_results: Results, 
         return str(ending.exception)
 
     assert complaint(out / "camera_0.yaml") == (
-        f"{out}/camera_0.yaml: found no key semcal_rig_calibration, needed the rig_calibration.yaml that "
+        f"{out}/camera_0.yaml: found no key semcal_rig_calibration, expected the rig_calibration.yaml that "
         f"`semcal calibrate` wrote for {rig}"
     )
     assert "no such file" in complaint(tmp_path)
     file.write_text(yaml.safe_dump(document | {"cameras": {"left": document["cameras"]["camera_0"]}}))
-    assert complaint(out) == f"{file}: cameras: found left, needed those of {rig}: camera_0, camera_1"
+    assert complaint(out) == f"{file}: cameras: found left, expected those of {rig}: camera_0, camera_1"
     T = make_pose((0.3, -0.2, 0.1), (0.4, -0.2, 0.7)).tolist()
     moved = document["cameras"]["camera_0"] | {"T_camera_lidar": T}
     file.write_text(yaml.safe_dump(document | {"cameras": document["cameras"] | {"camera_0": moved}}))
     assert complaint(out) == (
-        f"{out}/camera_0.yaml: found a T_camera_lidar that differs from that in {file}, needed files of one run"
+        f"{out}/camera_0.yaml: found a T_camera_lidar that differs from that in {file}, expected files of one run"
     )
     file.write_text(yaml.safe_dump(document | {"num_sweeps": "three"}))
     assert f"{file}: num_sweeps: " in complaint(out)

@@ -198,7 +198,7 @@ def test_a_start_at_which_nothing_is_seen_fails_each_by_itself(street: Path, tmp
 def test_a_frame_that_is_not_there_is_seen_at_once(street: Path, tmp_path: Path) -> None:
     result = invoke("experiment", "table", street, "--frame", "9", "-o", tmp_path)
     assert result.exit_code == 1
-    assert "found 4 frames, needed one numbered 9" in str(result.exception)
+    assert "found 4 frames, expected one numbered 9" in str(result.exception)
 
 
 def test_the_command_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -265,6 +265,6 @@ def test_sweeps_of_one_kind_of_segments_are_named(bare: Path) -> None:
     answer = invoke("initialize", bare, "--cue", "segments", "-q")
     assert isinstance(answer.exception, CalibrationError)
     expected = (
-        f"{bare / 'drive.yaml'}: no initial calibration: found points of only ground, needed two classes"
+        f"{bare / 'drive.yaml'}: no initial calibration: found points of only ground, expected two classes"
     )
     assert str(answer.exception) == expected

@@ -37,14 +37,14 @@ def test_frames_are_chosen_and_left_out(street: Path) -> None:
     left = chosen_frames(drive, slice(1, None, 2), [names[1]]).frames
     assert left == drive.frames[3::2]
     assert chosen_frames(drive, None, [drive.frames[0].points]).frames == drive.frames[1:]
-    with pytest.raises(InputError, match=rf"--exclude: found no frame 'x', needed one of: {names[0]}, "):
+    with pytest.raises(InputError, match=rf"--exclude: found no frame 'x', expected one of: {names[0]}, "):
         chosen_frames(drive, None, ["x"])
-    with pytest.raises(InputError, match=r"found no frame that is left of \d+ frames, needed one"):
+    with pytest.raises(InputError, match=r"found no frame that is left of \d+ frames"):
         chosen_frames(drive, slice(0, 1), [names[0]])
     twice = drive.model_copy(update={"frames": (*drive.frames, drive.frames[0])})
     assert chosen_frames(twice, None, [drive.frames[0].points]).frames == drive.frames[1:]
     pair = drive.model_copy(update={"frames": drive.frames[:1] * 2})
-    with pytest.raises(InputError, match=rf"'x', needed {drive.frames[0].points}$"):
+    with pytest.raises(InputError, match=rf"'x', expected {drive.frames[0].points}$"):
         chosen_frames(pair, None, ["x"])
     run = invoke(
         "calibrate", street, "--frames", "0:3", "--exclude", names[1], "--no-polish", "--json", "--quiet"
@@ -56,5 +56,5 @@ def test_frames_are_chosen_and_left_out(street: Path) -> None:
 def test_a_missing_label_image_is_named(street: Path) -> None:
     drive = read_drive(street)
     frames = (*drive.frames[:3], drive.frames[3].model_copy(update={"image_labels": None}))
-    with pytest.raises(InputError, match=r"frames\[.*3\.bin\].image_labels: found nothing, needed"):
+    with pytest.raises(InputError, match=r"frames\[.*3\.bin\].image_labels: found nothing, expected"):
         select_frames(drive.model_copy(update={"frames": frames}), 2)

@@ -320,15 +320,16 @@ def test_names_that_mean_nothing_are_ignored_and_equal_names_are_one_class(tmp_p
         (
             {"architectures": ["ResNetForImageClassification"]},
             {},
-            r"config\.json: architectures: found 'ResNetForImageClassification', needed one for semantic segmentation",
+            r"config\.json: architectures: found 'ResNetForImageClassification', expected one for semantic "
+            "segmentation",
         ),
         (
             {"architectures": "SegformerForSemanticSegmentation"},
             {},
-            r"config\.json: architectures: found .*, needed a list",
+            r"config\.json: architectures: found .*, expected a list",
         ),
-        ({"id2label": {"x": "road"}}, {}, r"config\.json: id2label: found id 'x', needed a whole number"),
-        ({"id2label": {"0": 3}}, {}, r"config\.json: id2label\['0'\]: found 3, needed text"),
+        ({"id2label": {"x": "road"}}, {}, r"config\.json: id2label: found id 'x', expected a whole number"),
+        ({"id2label": {"0": 3}}, {}, r"config\.json: id2label\['0'\]: found 3, expected text"),
         ({}, {"resample": 6}, r"preprocessor_config\.json: resample: found 6, needed at most 5"),
         ({}, {"image_mean": ["a"]}, r"preprocessor_config\.json: image_mean"),
         ({}, {"size": {"height": 0, "width": 3}}, r"preprocessor_config\.json: size\.height"),

@@ -50,7 +50,7 @@ def test_a_pipe_that_takes_a_files_name_is_not_waited_for(
     regular = (tmp_path / "a").stat()
     os.mkfifo(tmp_path / "pipe")
     monkeypatch.setattr(Path, "stat", lambda self: regular)
-    with pytest.raises(InputError, match="pipe: found a special file, needed a file"):
+    with pytest.raises(InputError, match="pipe: found a special file, expected a file"):
         read_bytes(tmp_path / "pipe")
 
 
@@ -75,7 +75,7 @@ def test_sizes_are_read_from_headers(suffix: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"found 34 x 21 pixels, needed 21 x 34$"):
         read_image(path, (21, 34))
     path.write_bytes(path.read_bytes()[:16])
-    with pytest.raises(InputError, match="found a damaged image, needed an intact one"):
+    with pytest.raises(InputError, match="found a damaged image, expected an intact one"):
         read_image(path, (34, 21))
 
 
@@ -256,11 +256,11 @@ def test_rows_are_those_of_the_list(piece: int, tmp_path: Path, monkeypatch: pyt
     ("text", "complaint"),
     [
         ("", "line 1: Expecting value"),
-        ("{}", "found a mapping, needed a list of mappings"),
-        ("[{},\n 1]", r"\[1\]: found 1, needed a mapping"),
+        ("{}", "found a mapping, expected a list of mappings"),
+        ("[{},\n 1]", r"\[1\]: found 1, expected a mapping"),
         ("[{}", "line 1: Expecting ',' delimiter"),
         ("[{}]\n1", "line 2: Extra data"),
-        ('[{"a": "\\ud800"}]', r"found '\\ud800', needed text without lone surrogates"),
+        ('[{"a": "\\ud800"}]', r"found '\\ud800', expected text without lone surrogates"),
         ('[{"a": ' + "[" * MAX_DEPTH + "]" * MAX_DEPTH + "}]", "nested too deeply"),
         ('[{"a": "' + "x" * rows.MAX_ROW + '"}]', rows.TOO_LONG),
         ("[{" + ", ".join(f'"{index}": true' for index in range(300_000)) + "}]", rows.TOO_LONG),

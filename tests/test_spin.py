@@ -65,16 +65,19 @@ def test_the_time_is_the_azimuth(changes: dict[str, Any], times_ms: list[float])
 @pytest.mark.parametrize(
     ("block", "says"),
     [
-        ({}, "found nothing, needed channels, columns, fov_up_deg, fov_down_deg together, origin_m, or spin"),
+        (
+            {},
+            "found nothing, expected channels, columns, fov_up_deg, fov_down_deg together, origin_m, or spin",
+        ),
         (
             {"channels": 64, "spin": KITTI},
-            "found channels, needed channels, columns, fov_up_deg, fov_down_deg together",
+            "found channels, expected channels, columns, fov_up_deg, fov_down_deg together",
         ),
-        ({"spin": {"rate_hz": 10.0, "seam_deg": 0.0}}, "spin.clockwise: found nothing, needed a value"),
+        ({"spin": {"rate_hz": 10.0, "seam_deg": 0.0}}, "spin.clockwise: found nothing, expected a value"),
         ({"spin": KITTI | {"rate_hz": 0.1}}, "spin.rate_hz: found 0.1, needed at least 1.0"),
         (
             {"spin": KITTI | {"stamp": "begin"}},
-            "spin.stamp: found 'begin', needed 'start', 'middle' or 'end'",
+            "spin.stamp: found 'begin', expected 'start', 'middle' or 'end'",
         ),
     ],
 )
@@ -254,7 +257,7 @@ def test_all_drives_of_a_day_are_one_drive(tmp_path: Path) -> None:
     write_ids(tmp_path / "labels/0000000000.png")
     (of.out / "drive.yaml").unlink()
     says = of.complaint("--sequence", "2011_09_26", "--image-labels", tmp_path / "labels")
-    assert says.endswith("0000000000.png: found several frames of this name, needed a label file for each")
+    assert says.endswith("0000000000.png: found several frames of this name, expected a label file for each")
 
 
 def test_sequences_keep_their_poses_and_need_times_of_their_own(tmp_path: Path) -> None:
@@ -284,7 +287,7 @@ def test_sequences_keep_their_poses_and_need_times_of_their_own(tmp_path: Path) 
     )
     shutil.rmtree(of.root / other / "oxts")
     says = of.complaint(*sequences, "--force")
-    assert f"--sequence: found poses of {first}, and none of {second}, needed poses of all or none" in says
+    assert f"--sequence: found poses of {first}, and none of {second}, expected poses of all or none" in says
 
 
 def test_kitti_360_states_the_motion_of_raw_sweeps(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def start_line(err: str) -> str:
 def test_labels_in_the_files_need_no_start(street: Path, tmp_path: Path, cli: Cli) -> None:
     _, _, err = cli("calibrate", street, "-o", tmp_path / "c.yaml")
     assert start_line(err) == "none: labels find the mounting"
-    assert "mountings compared" in err
+    assert "candidate mountings compared" in err
 
 
 def test_what_is_given_comes_first_and_then_the_own_transform(

@@ -78,7 +78,7 @@ def test_a_closed_standard_output_is_named(command: str, street: Path, tmp_path:
     found = bash(f"{command} >&-", street, tmp_path)
     assert (
         found.stderr
-        == "semcal: error: /dev/stdout: found a descriptor that is not open, needed one to write to\n"
+        == "semcal: error: /dev/stdout: found a descriptor that is not open, expected one to write to\n"
     )
     assert found.returncode == 1
     assert not [*tmp_path.iterdir()]
@@ -94,9 +94,7 @@ def test_a_folder_that_is_only_read_is_named_before_the_work(
         path = tmp_path / name
         with pytest.raises(InputError) as refused:
             check_outputs([], path)
-        assert (
-            str(refused.value) == f"{path}: found no permission to write to its folder {tmp_path}, needed it"
-        )
+        assert str(refused.value) == f"{path}: no permission to write to its folder {tmp_path}"
     check_outputs([], tmp_path / "pipe")  # into which the content goes
 
 

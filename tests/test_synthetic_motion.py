@@ -182,8 +182,8 @@ def test_same_seed_same_bytes(mixed: Drive, tmp_path: Path) -> None:
 
 def test_a_program_is_told_what_cannot_be(tmp_path: Path) -> None:
     for config, complaint in [
-        (replace(MIXED, readout_ms=-1.0), "readout_ms: found -1.0, needed a number from 0 to 100.0"),
-        (replace(MIXED, delay_ms=float("nan")), "delay_ms: found nan, needed a number from -200 to 200.0"),
+        (replace(MIXED, readout_ms=-1.0), "readout_ms: found -1.0, expected a number from 0 to 100.0"),
+        (replace(MIXED, delay_ms=float("nan")), "delay_ms: found nan, expected a number from -200 to 200.0"),
     ]:
         with pytest.raises(InputError) as error:
             synthesize(config, tmp_path / "drive")

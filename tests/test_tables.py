@@ -1,5 +1,6 @@
 """A calibration in the terminal: lines of 80 columns, the verdict at the end, figures for experts on request."""
 
+import io
 import re
 from dataclasses import replace
 
@@ -7,9 +8,11 @@ import pytest
 from test_calibration import POSE, make_calibration
 
 from semcal_cli.cli.tables import COLUMNS, hypothesis_lines, summary_lines, verdict_lines, wrapped
+from semcal_cli.errors import contrast, for_people
 from semcal_cli.estimation.search.mounting import Mounting
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.refined_camera import CheckedIntrinsics, Intrinsic
+from semcal_cli.result.uncertainty import lengths
 
 LONG = (
     "a mounting 30 degrees away explains the labels almost as well: only 1.82 standard errors worse, needed at "
@@ -56,7 +59,7 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             0,
             True,
             [
-                "verdict          trusted: +- 2.0 mm, +- 0.100 degrees (95 %), 0.0025 px at 10 m,",
+                "verdict          trusted: ±2.0 mm, ±0.10 degrees (95 %), or 0.0025 px at 10 m,",
                 "                 if K is right, which these frames do not show",
             ],
         ),
@@ -91,7 +94,7 @@ def test_a_camera_that_the_frames_confirm_is_not_in_question() -> None:
     checked = CheckedIntrinsics(intrinsics={"cx": intrinsic}, is_confirmed=True)
     calibration = with_words(status="trusted").model_copy(update={"checked_intrinsics": checked})
     assert verdict_lines(calibration) == [
-        "verdict          trusted: +- 2.0 mm, +- 0.100 degrees (95 %), 0.0025 px at 10 m"
+        "verdict          trusted: ±2.0 mm, ±0.10 degrees (95 %), or 0.0025 px at 10 m"
     ]
 
 
@@ -122,3 +125,34 @@ def test_hypotheses_fit(verbose: bool) -> None:
         assert first.split()[-2:] == ["1,234,567", "-"]
     else:
         assert second.endswith("173.4 deg         2.0 sigma")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "line"), [("utf-8", "off by 2.9 ± 1.0 cm (±3)"), ("ascii", "off by 2.9 +- 1.0 cm (+- 3)")]
+)
+def test_a_terminal_without_plus_minus_signs_gets_plain_ones(
+    encoding: str, line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stderr", io.TextIOWrapper(io.BytesIO(), encoding))
+    assert for_people("off by 2.9 +- 1.0 cm (+- 3)") == line
+
+
+@pytest.mark.parametrize(
+    ("expected", "sentence"),
+    [
+        ("a list", "found 3, expected a list"),
+        ("at most 2", "found 3, needed at most 2"),
+        ("4 numbers", "found 3, needed 4 numbers"),
+        ("(N, 3)", "found 3, needed (N, 3)"),
+    ],
+)
+def test_only_what_a_person_compares_is_needed(expected: str, sentence: str) -> None:
+    assert contrast(3, expected) == sentence
+
+
+@pytest.mark.parametrize(
+    ("values_m", "text"),
+    [([0.0065], "6.5 mm"), ([0.065, 0.0261, 0.004], "6.5 2.6 0.40 cm"), ([0.01], "1.0 cm"), ([0.0], "0 mm")],
+)
+def test_the_lengths_of_a_line_have_one_unit(values_m: list[float], text: str) -> None:
+    assert lengths(values_m) == text

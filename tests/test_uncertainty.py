@@ -161,8 +161,8 @@ def test_directions_that_are_hardly_determined_are_named(uncertainty: Uncertaint
     covariance[2, 2], covariance[4, 4] = 0.05**2, np.radians(0.3) ** 2
     weak = Uncertainty.from_covariance(polished, covariance, np.full(6, 1e6)).weak_directions
     assert weak == (
-        "along the optical axis: +- 9.8 cm; add frames with near objects",
-        "in yaw: +- 0.59 degrees; add frames",
+        "along the optical axis, +- 9.8 cm (frames with nearby objects would help)",
+        "in yaw, +- 0.59 degrees (more frames would help)",
     )
 
 
@@ -175,8 +175,8 @@ def test_a_pose_that_is_not_determined_to_any_use_is_not_trusted(
     vague = Uncertainty.from_covariance(polished, covariance, np.full(6, 1e6))
     (found,) = check_interval(vague)
     assert found.sentence == (
-        "the interval is too wide, +- 3.92 m up and down, +- 2.0 degrees in pitch (95 %), needed at most 0.25 m and "
-        "1 degree: add frames with near and far objects, recorded while driving"
+        "the interval is too wide, +- 3.92 m up and down, +- 2.0 degrees in pitch (95 %; limits 0.25 m and "
+        "1 degree): add frames with near and far objects, recorded while driving"
     )
 
 

@@ -149,13 +149,16 @@ def test_figures_for_github(street: Path, street_truth: Pose, tmp_path: Path) ->
     found = verify(street, given, **github)
     assert found.exit_code == FAIL
     (annotation,) = re.findall(r"^::error title=semcal verify::(.*)$", found.stderr, re.MULTILINE)
-    assert re.search(r"rotation y -?[01]\.\d{3} \+- 0\.0\d{2} degrees, allowed 0\.3 degrees", annotation)
+    assert re.search(r"rotation y -?[01]\.\d{3} ± 0\.0\d{2} degrees, allowed 0\.3 degrees", annotation)
     summary = (tmp_path / "summary.md").read_text()
     assert "### semcal verify: fail" in summary
     assert re.search(r"^\| rotation y \| .* allowed 0\.3 degrees \| fail \|$", summary, re.MULTILINE)
     compared = invoke("compare", street, given, env=github)
     assert compared.exit_code == FAIL
-    assert "::error title=semcal compare::fail; rotation 1.000 degrees, allowed 0.3" in compared.stderr
+    assert (
+        "::error title=semcal compare::fail; rotation 1.0 degrees, interval unknown, allowed 0.3"
+        in compared.stderr
+    )
     assert summary in (tmp_path / "summary.md").read_text()
     assert "### semcal compare: fail" in (tmp_path / "summary.md").read_text()
 
@@ -184,9 +187,9 @@ def test_data_that_cannot_decide(street: Path, drive: Path, tmp_path: Path) -> N
         drive, street, "--report", page, "--junit", xml, GITHUB_STEP_SUMMARY=str(tmp_path / "v.md")
     )
     assert found.exit_code == INCONCLUSIVE, found.output
-    assert re.fullmatch(r"inconclusive: \d reasons?, see above", found.stdout.splitlines()[-1])
+    assert re.fullmatch(r"verdict +inconclusive: \d reasons?, see above", found.stdout.splitlines()[-1])
     lines = found.stdout.splitlines()[:8]
-    assert all(line.endswith("not judged") and "+-" not in line for line in lines)
+    assert all(line.endswith("not judged") and "±" not in line for line in lines)
     assert page.read_text().count('<td class="mark">not judged</td>') == 8
     assert '<rect class="interval"' not in page.read_text()
     (suite,) = junitparser.JUnitXml.fromfile(str(xml))
@@ -221,8 +224,8 @@ def test_the_inverse_is_named(street: Path, street_truth: Pose, tmp_path: Path) 
     assert "find out what moved it" not in found.stdout
     matrix = tmp_path / "matrix.txt"
     np.savetxt(matrix, street_truth)
-    said = verify(street, matrix, "--init-direction", "camera-to-lidar").stdout
-    assert "run again with --init-direction lidar-to-camera" in " ".join(said.split())
+    said = verify(street, matrix, "--direction", "camera-to-lidar").stdout
+    assert "run again with --direction lidar-to-camera" in " ".join(said.split())
 
 
 def test_mistakes_are_recognised() -> None:
@@ -258,12 +261,13 @@ def test_compare(street: Path, street_truth: Pose, made: Path, tmp_path: Path) -
     assert both.stdout.count("explained") == 6
     far = write_transform(moved(street_truth, 0.06), street, tmp_path)
     assert "-0.0000" not in both.stdout
-    assert both.stdout.splitlines()[-1] == "within limits: 0.0000 degrees and 0.000 cm apart"
+    assert re.search(
+        r"^verdict +pass: rotation 0\.0+ ± \S+ degrees, allowed 0\.3 degrees;$", both.stdout, re.M
+    )
     beyond = invoke("compare", result, far)
     assert beyond.exit_code == FAIL
-    assert re.fullmatch(
-        r"beyond limits: 6\.\d+ cm, allowed 5, known to \+- 0\.\d+", beyond.stdout.splitlines()[-1]
-    )
+    last = beyond.stdout.splitlines()[-1]
+    assert re.fullmatch(r"verdict +fail: camera centre 6\.\d+ ± 0\.\d+ cm, allowed 5 cm", last)
     assert "more than both" not in both.stdout
     assert max(map(len, f"{both.stdout}{beyond.stdout}".splitlines())) <= 80
     record = read_calibration(result)
@@ -290,10 +294,10 @@ def test_a_matrix_of_no_stated_direction_is_verified_with_one(
     arguments = ["verify", street, path, "-q"]
     refused = invoke(*arguments)
     assert str(refused.exception) == (
-        f"{path}: found a transform without a stated direction, needed --init-direction lidar-to-camera "
+        f"{path}: found a transform without a stated direction; add --direction lidar-to-camera "
         "(p_camera = T p_lidar) or camera-to-lidar"
     )
-    found = invoke(*arguments, "--init-direction", "camera-to-lidar")
+    found = invoke(*arguments, "--direction", "camera-to-lidar")
     assert found.exit_code == PASS, found.output
 
 

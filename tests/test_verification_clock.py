@@ -147,7 +147,7 @@ def test_what_is_said_of_a_clock_alone(
         "The transform still holds on this drive, but the camera's clock is off. Calibrate again with "
         "--estimate-delay, or find out what changed the clock."
     )
-    assert verdict.startswith("fail: clock off by 2")
+    assert verdict.startswith("verdict          fail: clock off by 2")
     assert verdict.endswith(" ms, allowed 5 ms")
     assert "::error title=semcal verify::fail; clock 2" in err
     assert "images later (clock)" in page.read_text()
@@ -155,7 +155,7 @@ def test_what_is_said_of_a_clock_alone(
     code, out, _ = run(capfd, "verify", one, one, "--max-delay-ms", 5, "--report", page)
     assert code == INCONCLUSIVE
     assert " not determined     allowed 5 ms      inconclusive" in out
-    assert out.splitlines()[-1] == "inconclusive: clock not determined, allowed 5 ms"
+    assert out.splitlines()[-1] == "verdict          inconclusive: clock not determined, allowed 5 ms"
     assert "cannot show whether the camera&#39;s clock is right" in page.read_text()
     assert '#clocks">why this comes up</a>' in page.read_text()
 
@@ -210,7 +210,7 @@ def test_the_estimate_of_a_verification_is_shown_by_its_clock(moving: Path) -> N
         core.agreement(seen.observations.core, last.T_camera_lidar).label_agreement for seen in (given, last)
     ]
     assert agreements[1] > agreements[0]
-    with pytest.raises(InputError, match=r"^delay_s: found -1, needed a number from 0 on$"):
+    with pytest.raises(InputError, match=r"^delay_s: found -1, expected a number from 0 on$"):
         semcal_package.verify(data, moving / "late", Limits(delay_s=-1))
 
 
@@ -241,6 +241,6 @@ def test_a_drive_without_a_direction_of_motion(
         code, out, err = run(capfd, "verify", each, street, "--max-delay-ms", 5)
         assert (code, out) == (1, "")
         assert err.splitlines()[-1] == (
-            f"semcal: error: {each / DRIVE_FILE}: motion: found no direction of motion, needed poses or a twist for "
+            f"semcal: error: {each / DRIVE_FILE}: motion: found no direction of motion, expected poses or a twist for "
             "--max-delay-ms"
         )

@@ -82,7 +82,7 @@ def test_only_who_knows_the_word_gets_an_answer(server: ViewServer, T_off: Pose)
 def test_a_body_that_is_no_question_is_answered_in_one_line(server: ViewServer, body: str) -> None:
     status, content = request(server, f"/{server.token}/points", body)
     assert status == 400
-    assert "needed" in json.loads(content)["error"]
+    assert "expected" in json.loads(content)["error"]
 
 
 def test_an_image_is_the_frame_s(server: ViewServer, street: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -99,7 +99,7 @@ def test_an_image_is_the_frame_s(server: ViewServer, street: Path, capfd: pytest
 
 
 def test_a_port_that_is_taken_is_said_to_be(server: ViewServer, session: Session) -> None:
-    with pytest.raises(InputError, match=r"--port \d+: address already in use, needed a free port"):
+    with pytest.raises(InputError, match=r"--port \d+: address already in use, expected a free port"):
         ViewServer(session, server.server_port)
 
 
@@ -297,7 +297,7 @@ def test_edges_are_drawn_on_edges_and_other_colours_on_the_image(
     ("options", "exit_code", "complaint"),
     [
         (("{tmp}/none.yaml",), 1, "none.yaml"),
-        (("-o", "{drive}/drive.yaml"), 1, "needed another name"),
+        (("-o", "{drive}/drive.yaml"), 1, "choose another name"),
         (("-o", "{tmp}/x.txt"), 1, "x.txt: found suffix"),
         (("--cue", "features"), 2, ""),
         (("-o", "-"), 2, ""),  # the address goes to standard output

@@ -55,10 +55,10 @@ def test_the_score_is_best_at_the_truth(session: Session, street_truth: Pose, T_
         ({"base": [[2.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}, "view: base: "),
         ({"offsets": [1e300] * 6}, "offsets: found .* needed at most 10000"),
         ({"offsets": ["a"] * 6}, "needed 4 x 4 and 6 numbers"),
-        ({"frame": 4}, "frame: found 4, needed one of 0 to 3"),
-        ({"frame": -1}, "frame: found -1, needed one of 0 to 3"),
-        ({"frame": True}, "frame: found True, needed one of 0 to 3"),
-        ({"frame": [0]}, r"frame: found \[0\], needed one of 0 to 3"),
+        ({"frame": 4}, "frame: found 4, expected one of 0 to 3"),
+        ({"frame": -1}, "frame: found -1, expected one of 0 to 3"),
+        ({"frame": True}, "frame: found True, expected one of 0 to 3"),
+        ({"frame": [0]}, r"frame: found \[0\], expected one of 0 to 3"),
     ],
 )
 def test_wrong_questions(session: Session, T_off: Pose, change: dict[str, Any], message: str) -> None:
@@ -104,5 +104,5 @@ def test_the_image_of_edges_is_grey_and_that_of_the_frame_is_not(by_edge: Sessio
     assert color[0] > 30
     assert color[1] <= 2
     assert shown[0].shape == shown[1].shape
-    with pytest.raises(InputError, match="frame: found 4, needed one of 0 to 3"):
+    with pytest.raises(InputError, match="frame: found 4, expected one of 0 to 3"):
         by_edge.image(4, by_edge=True)

@@ -67,7 +67,7 @@ impl<'a> Scores<'a> {
             )));
         }
         if let Some(wrong) = values.par_iter().find_any(|value| !value.is_finite()) {
-            return Err(Error::Input(format!("found a score that is {wrong}, needed finite ones")));
+            return Err(Error::Input(format!("found a score that is {wrong}, expected finite ones")));
         }
         Ok(Self { values, rows, columns, num_classes })
     }

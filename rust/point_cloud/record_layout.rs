@@ -154,10 +154,10 @@ impl std::fmt::Display for RecordLayout {
 }
 
 const NONE_FITS: &str =
-    "and none of float32 or float64 alone fit; needed a .npy, .pcd or .ply file, which says what it holds";
+    "and none of float32 or float64 alone fit; expected a .npy, .pcd or .ply file, which says what it holds";
 const ALIKE_IN_ALL: &str = "numbers that are alike in all columns of";
 const STATE_THEM: &str =
-    "needed the columns, such as point_columns: [x, y, z] in drive.yaml (--point-columns x,y,z at import)";
+    "expected the columns, such as point_columns: [x, y, z] in drive.yaml (--point-columns x,y,z at import)";
 
 /// What to state instead, by the layouts whose columns tell most about their numbers, and hold coordinates.
 fn proposal(bytes: &[u8], words: &Words) -> Option<String> {
@@ -174,7 +174,7 @@ fn proposal(bytes: &[u8], words: &Words) -> Option<String> {
     let stated: Vec<String> = first.map(RecordLayout::statement).collect();
     let has_others = stated.iter().any(|text| text.contains(", _"));
     let meaning = if has_others { ", with intensity, ring, time or label for a _ that holds it" } else { "" };
-    (!stated.is_empty()).then(|| format!("needed {}{meaning}", stated.join(", or ")))
+    (!stated.is_empty()).then(|| format!("expected {}{meaning}", stated.join(", or ")))
 }
 
 impl RecordLayout {
@@ -294,7 +294,7 @@ mod tests {
             (float64(&records(3)), "--point-columns x,y,z --point-type f8 at import"),
         ] {
             let refusal = usual.check(&bytes, false).expect_err(fitting);
-            assert!(refusal.starts_with("found other columns than x,y,z,intensity of float32, needed "));
+            assert!(refusal.starts_with("found other columns than x,y,z,intensity of float32, expected "));
             assert!(refusal.contains(fitting), "{refusal}");
         }
         let odd = usual.misfit(&float32(&records(5))[..39_980]);
@@ -320,6 +320,6 @@ mod tests {
         assert_eq!(RecordLayout::usual(false).check(&six, true), Ok(()));
         let as_float64 = RecordLayout::of_columns(3, Scalar::F64);
         let refusal = as_float64.check(&six, true).expect_err("float32");
-        assert!(refusal.contains("than x,y,z of float64, needed point_columns: [x, y, z, _"), "{refusal}");
+        assert!(refusal.contains("than x,y,z of float64, expected point_columns: [x, y, z, _"), "{refusal}");
     }
 }

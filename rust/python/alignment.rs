@@ -218,13 +218,15 @@ pub(super) fn align(
 /// Checks that points have classes, and a weight for each where there is a contrast.
 fn check_objective(objective: &Objective, observations: &Observations) -> PyResult<()> {
     if *objective != Objective::Information && observations.has_partitions() {
-        return Err(value_error("found points with partitions, needed classes for an objective with a sign"));
+        return Err(value_error(
+            "found points with partitions, expected classes for an objective with a sign",
+        ));
     }
     match objective {
         Objective::Contrast(weights) if weights.len() != observations.num_point_classes => {
             let (found, needed) = (weights.len(), observations.num_point_classes);
             Err(value_error(format!(
-                "found {found} weights, needed one for each of {needed} classes of points"
+                "found {found} weights, expected one for each of {needed} classes of points"
             )))
         }
         _ => Ok(()),
@@ -288,7 +290,7 @@ pub(super) fn maximise(
     config.factors.iter().try_for_each(|&factor| check_factor(factor, camera))?;
     check_count(&config, variables.count() - 6)?;
     if variables.intrinsics.contains(&Intrinsic::Radial) {
-        return Err(value_error("no lens has the intrinsic radial, needed intrinsics of the camera"));
+        return Err(value_error("no lens has the intrinsic radial, expected intrinsics of the camera"));
     }
     let JointMaximum { estimate, moved_px, .. } =
         detached(|| alignment::maximise(&observations.0, &t_camera_lidar.0, &variables, None, &config))?;

@@ -42,7 +42,7 @@ where
     let value: T = object.getattr(name)?.extract().map_err(Into::into)?;
     if let Some(Needs { words, .. }) = needs.filter(|needs| !(needs.holds)(&value)) {
         let config = object.get_type().name()?;
-        return Err(value_error(format!("{config}.{name}: found {value:?}, needed {words}")));
+        return Err(value_error(format!("{config}.{name}: found {value:?}, expected {words}")));
     }
     Ok(value)
 }

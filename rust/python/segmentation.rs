@@ -54,7 +54,7 @@ fn unit(up: Option<[f64; 3]>) -> PyResult<Option<UnitVector3<f64>>> {
     let Some(up) = up else { return Ok(None) };
     let unit =
         UnitVector3::try_new(Vector3::from(up), 1e-9).filter(|unit| unit.iter().all(|x| x.is_finite()));
-    unit.map(Some).ok_or_else(|| value_error(format!("found up {up:?}, needed a direction")))
+    unit.map(Some).ok_or_else(|| value_error(format!("found up {up:?}, expected a direction")))
 }
 
 #[pyfunction]

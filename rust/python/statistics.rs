@@ -10,7 +10,7 @@ pub(super) fn student_quantile(probability: f64, degrees_of_freedom: f64) -> PyR
     distributions::student_quantile(probability, degrees_of_freedom).ok_or_else(|| {
         let (rarest, fewest) = (distributions::MIN_TAIL, distributions::MIN_DEGREES);
         value_error(format!(
-            "found {probability} and {degrees_of_freedom}, needed a probability from {rarest:e} to 1 - {rarest:e} and \
+            "found {probability} and {degrees_of_freedom}, expected a probability from {rarest:e} to 1 - {rarest:e} and \
              finite degrees of freedom from {fewest} on"
         ))
     })
@@ -22,7 +22,7 @@ pub(super) fn fisher_limit(alpha: f64, numerator: f64, denominator: f64) -> PyRe
         let found = format!("{alpha}, {numerator} and {denominator}");
         let most = distributions::MAX_TAIL;
         value_error(format!(
-            "found {found}, needed a probability up to {most} and degrees of freedom from 1 on"
+            "found {found}, expected a probability up to {most} and degrees of freedom from 1 on"
         ))
     })
 }

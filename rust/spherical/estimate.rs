@@ -40,7 +40,7 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     };
     if top - bottom < MIN_ESTIMATED_CELL {
         return Err(Error::Calibration(format!(
-            "the points span {:.3} degrees of elevation, needed a sensor that scans in two directions",
+            "the points span {:.3} degrees of elevation, expected a sensor that scans in two directions",
             (top - bottom).to_degrees()
         )));
     }

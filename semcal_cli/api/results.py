@@ -12,10 +12,11 @@ import numpy.typing as npt
 from pydantic import PrivateAttr
 
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.errors import SemcalError
+from semcal_cli.errors import SemcalError, signed
 from semcal_cli.files.array_forms import COLORS, POINTS, Form, check_array, image_of
 from semcal_cli.formats import write_transform
 from semcal_cli.formats.format import FormatOptions
+from semcal_cli.geometry.poses import camera_center
 from semcal_cli.observations.reading import read_clouds, read_frame_image
 from semcal_cli.result.calibration_document import (
     CalibrationDocument,
@@ -86,6 +87,25 @@ class Calibration(CalibrationDocument):
         write_transform(
             self.T_camera_lidar, path, to, replace(given, intrinsics=given.intrinsics or self.used_camera)
         )
+
+    def __str__(self) -> str:
+        """Return about ten lines: the verdict, the transform, where it puts the camera, and what speaks against it."""
+        from semcal_cli.report import words
+
+        verdict, T = words.verdict_of(self), self.T_camera_lidar
+        rows = [" ".join(f"{value:10.6f}" for value in row) for row in T]
+        lines = [
+            f"{verdict.title}. {signed(verdict.figures)}".strip(),
+            *(f"{label:<15} {row}" for label, row in zip(["T_camera_lidar", "", "", ""], rows, strict=True)),
+            f"camera at       {' '.join(f'{value:.4f}' for value in camera_center(T))} m in the LiDAR frame",
+            f"looks along     {' '.join(f'{value:.4f}' for value in T[2, :3])} in the LiDAR frame",
+        ]
+        if self.reasons:
+            more = f" (and {len(self.reasons) - 1} more in .reasons)" if len(self.reasons) > 1 else ""
+            lines.append(f"reason          {self.reasons[0]}{more}")
+        return "\n".join(lines)
+
+    __repr__ = __str__
 
     def _repr_html_(self) -> str:
         """Show the verdict, the interval and the points of the first image, in a notebook."""

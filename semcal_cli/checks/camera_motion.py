@@ -22,8 +22,8 @@ CAMERA_MOTION = Check(
         section=PageSection.MOUNTING,
         quotes=(
             (
-                "the motion of camera and LiDAR gives a rotation 1.72 degrees away, 8.3 standard errors, "
-                "needed at most 4: check with `semcal overlay` whether points lie on their objects, and "
+                "the motion of camera and LiDAR gives a rotation 1.72 degrees away, 8.3 standard errors "
+                "(limit 4): check with `semcal overlay` whether points lie on their objects, and "
                 "check K, the clocks and the motion"
             ),
         ),
@@ -60,8 +60,8 @@ def check_camera_motion(
     sigmas = standard_errors(by_motion, T_camera_lidar, covariance)
     off_deg = rotation_error_deg(T_camera_lidar, by_motion.T_camera_lidar)
     sentence = (
-        f"the motion of camera and LiDAR gives a rotation {off_deg:.2f} degrees away, {sigmas:.1f} standard errors, "
-        f"needed at most {CAMERA_MOTION.limit():g}"
+        f"the motion of camera and LiDAR gives a rotation {off_deg:.2f} degrees away, {sigmas:.1f} standard errors "
+        f"(limit {CAMERA_MOTION.limit():g})"
     )
     return CAMERA_MOTION.measured(sigmas, sentence)
 

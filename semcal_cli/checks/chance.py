@@ -16,8 +16,8 @@ CHANCE = Check(
         section=PageSection.DETERMINATION,
         quotes=(
             (
-                "points and images agree 80% as well as unrelated ones would by chance, needed at least "
-                "100%: check that the labels belong to these sweeps and images"
+                "points and images agree 80% as well as unrelated ones would by chance (limit "
+                "100%): check that the labels belong to these sweeps and images"
             ),
         ),
         meaning="At this pose, point labels say nothing about image labels.",
@@ -34,5 +34,5 @@ def check_chance(agreement: core.Agreement) -> tuple[Finding, ...]:
     """Check that the labels share more information than unrelated ones would by chance."""
     by_chance = agreement.mutual_information / max(agreement.bias, MIN_BIAS)
     as_well, least = format_against_limit(by_chance, CHANCE.limit(), unit="%")
-    sentence = f"points and images agree {as_well} as well as unrelated ones would by chance, needed at least {least}"
+    sentence = f"points and images agree {as_well} as well as unrelated ones would by chance (limit {least})"
     return CHANCE.measured(by_chance, sentence).findings

@@ -23,7 +23,7 @@ CUES_DISAGREE = Check(
         quotes=(
             (
                 "segments and image labels prefer a pose 3.0 degrees and 30 cm from the one that edges "
-                "found, by 3.1 standard errors, needed at most 2: add frames from other places, or check "
+                "found, by 3.1 standard errors (limit 2): add frames from other places, or check "
                 "with `semcal overlay --by edge` whether edges line up"
             ),
         ),
@@ -63,7 +63,6 @@ def check_coarse_cue(coarse_cue: Observations, T_camera_lidar: Pose, T_initial: 
     ahead, most = format_against_limit(-behind[best], CUES_DISAGREE.limit(), 1)
     sentence = (
         f"segments and image labels prefer a pose {away.rotation_deg:.1f} degrees and "
-        f"{away.camera_center_cm:.0f} cm from the one that edges found, by {ahead} standard errors, needed at "
-        f"most {most}"
+        f"{away.camera_center_cm:.0f} cm from the one that edges found, by {ahead} standard errors (limit {most})"
     )
     return CUES_DISAGREE.measured(-behind[best], sentence)

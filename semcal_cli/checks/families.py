@@ -51,7 +51,9 @@ def check_data(
     """
     of_shutter, notes = check_shutter(drive, observations, is_compensated=is_compensated)
     of_motion = check_motion(observations.motion_error_px)
-    return (*of_motion, *of_shutter, *check_unstated(drive, observations)), notes
+    num_scenes, num_frames = len(set(observations.scenes)), observations.num_frames
+    unstated = check_unstated(drive, num_scenes, num_frames, have_times=observations.have_times)
+    return (*of_motion, *of_shutter, *unstated), notes
 
 
 def check_recording(

@@ -18,7 +18,7 @@ FEW_SCENES = Check(
     entry=Entry(
         title="Edges of few scenes",
         section=PageSection.MOUNTING,
-        quotes=("the frames show 1 place, needed at least 4 for edges: add frames from other places",),
+        quotes=("the frames show 1 place; at least 4 are needed for edges: add frames from other places",),
         meaning="The edges of one scene fit many poses, and which of them fits best is partly chance.",
         cause="The drive has one to three frames, or all its frames show the same scene.",
         remedy="Add frames from other places: ten are better than four.",
@@ -34,8 +34,8 @@ def check_scenes(num_scenes: int, min_scenes: Mapping[CueName, int]) -> Measured
         num_scenes: Number of scenes that the frames show.
         min_scenes: Minimum number of scenes of each cue that states one; not empty.
     """
-    needed = max(min_scenes.values())
+    fewest = max(min_scenes.values())
     cues = " and ".join(min_scenes)
-    sentence = f"the frames show {counted(num_scenes, 'place')}, needed at least {needed} for {cues}"
-    finding = FEW_SCENES.finding(sentence) if num_scenes < needed else None
+    sentence = f"the frames show {counted(num_scenes, 'place')}; at least {fewest} are needed for {cues}"
+    finding = FEW_SCENES.finding(sentence) if num_scenes < fewest else None
     return Measured(FEW_SCENES.topic, "", num_scenes, finding)

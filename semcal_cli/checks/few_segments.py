@@ -14,7 +14,7 @@ FEW_SEGMENTS = Check(
     entry=Entry(
         title="Points show too few segments",
         section=PageSection.INSPECTION,
-        quotes=("its points show no segments: --cue segments needs ground and objects",),
+        quotes=("no ground found in this sweep, which --cue segments needs",),
         meaning="Without point labels, ground and objects are found in the points, and one of them is missing here.",
         cause="The sweep shows an empty place, the LiDAR has few channels, or it is not level.",
         remedy="Use frames with objects on the ground, or label the points.",
@@ -26,6 +26,5 @@ def check_segments(kinds: Sequence[str]) -> tuple[Finding, ...]:
     """Check that the points of a frame show all kinds of segments."""
     if len(kinds) == len(KINDS):
         return ()
-    shown = f"only {' and '.join(kinds)}" if kinds else "no segments"
-    needed = " and ".join(KINDS.values())
-    return (FEW_SEGMENTS.finding(f"its points show {shown}: --cue segments needs {needed}"),)
+    missing = " and no ".join(kind for kind in KINDS.values() if kind not in kinds)
+    return (FEW_SEGMENTS.finding(f"no {missing} found in this sweep, which --cue segments needs"),)

@@ -20,8 +20,8 @@ FOLDS_DISAGREE = Check(
         section=PageSection.CONVERGENCE,
         quotes=(
             (
-                "2 parts of the drive differ 4.1 times as far in yaw as the scatter within images predicts, needed at "
-                "most 3.5: check the times of sweeps and images and the motion"
+                "2 parts of the drive differ 4.1 times as far in yaw as the scatter within images predicts "
+                "(limit 3.5): check the times of sweeps and images and the motion"
             ),
         ),
         meaning=(
@@ -80,7 +80,7 @@ def compare_folds(
         axis_name = CrossValidation.axis_name(axis)
         sentence = (
             f"{len(offsets)} parts of the drive differ {pull} times as far {axis_name} as the scatter within images "
-            f"predicts, needed at most {limit}"
+            f"predicts (limit {limit})"
         )
         findings.append(FOLDS_DISAGREE.finding(sentence))
     spread, predicted = offsets.std(axis=0, ddof=1), np.sqrt((sigmas**2).mean(axis=0))

@@ -30,8 +30,8 @@ FEW_FRAMES = Check(
         title="There are few frames",
         section=PageSection.INSPECTION,
         quotes=(
-            "2 frames are few: use 4 or more to find the mounting, and 20 for accuracy",
-            "6 frames through a lens of 35 degrees across are few: 20 or more help",
+            "2 frames: use at least 4 to find the mounting, and 20 for accuracy",
+            "6 frames through a lens of 35 degrees across: use at least 20",
         ),
         meaning="The drive has fewer scenes than it takes to find the mounting, or than a narrow lens needs.",
         cause="The recording is short, or all frames show the same place.",
@@ -63,13 +63,10 @@ def check_frame_count(num_frames: int, num_scenes: int, across_deg: float) -> tu
         findings.append(
             SAME_SCENES.finding(f"the {num_frames} frames show {shown}, and frames of one scene count as one")
         )
-    are = "is" if num_scenes == 1 else "are"
     if num_scenes < fewest:
-        sentence = f"{shown} {are} few: use {fewest} or more to find the mounting, and {usual} for accuracy"
+        sentence = f"{shown}: use at least {fewest} to find the mounting, and {usual} for accuracy"
         findings.append(FEW_FRAMES.finding(sentence))
     elif across_deg < NARROW_DEG and num_scenes < usual:
-        sentence = (
-            f"{shown} through a lens of {across_deg:.0f} degrees across {are} few: {usual} or more help"
-        )
+        sentence = f"{shown} through a lens of {across_deg:.0f} degrees across: use at least {usual}"
         findings.append(FEW_FRAMES.finding(sentence))
     return tuple(findings)

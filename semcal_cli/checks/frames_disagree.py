@@ -32,7 +32,7 @@ FRAMES_DISAGREE = Check(
         quotes=(
             (
                 "frames disagree about the camera, they scatter 1.62 times as widely as their labels "
-                "explain, needed at most 1.20: check the times of sweeps and images, the motion and the "
+                "explain (limit 1.20): check the times of sweeps and images, the motion and the "
                 "labels, or remove these frames"
             ),
         ),
@@ -118,12 +118,12 @@ def describe_disagreement(suspicion: Suspicion, names: Sequence[str]) -> str:
     reasons = []
     if suspicion.scatter > suspicion.allowed:
         ratio, most = format_against_limit(math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed), 2)
-        reasons.append(f"they scatter {ratio} times as widely as their labels explain, needed at most {most}")
+        reasons.append(f"they scatter {ratio} times as widely as their labels explain (limit {most})")
     if suspicion.place is not None:
         apart, most = format_against_limit(suspicion.apart, suspicion.allowed_apart, 1)
         reasons.append(
             f"those from {frame_name(names, suspicion.place)} on are {apart} standard errors from those "
-            f"before, needed at most {most}"
+            f"before (limit {most})"
         )
     if suspicion.outliers:
         reasons.append(f"above all {frame_list(names, suspicion.outliers)}")

@@ -16,7 +16,7 @@ OVERLAP = Check(
         section=PageSection.DETERMINATION,
         quotes=(
             (
-                "visible points with classes cover 2.1% of the image, needed at least 3%: label more "
+                "visible points with classes cover 2.1% of the image (limit 3%): label more "
                 "points, or check which ids the drive ignores"
             ),
         ),
@@ -40,5 +40,5 @@ OVERLAP = Check(
 def check_overlap(overlap: float) -> tuple[Finding, ...]:
     """Check the share of the image that visible points with classes cover."""
     covered, least = format_against_limit(overlap, OVERLAP.limit(), 1, "%")
-    sentence = f"visible points with classes cover {covered} of the image, needed at least {least}"
+    sentence = f"visible points with classes cover {covered} of the image (limit {least})"
     return OVERLAP.measured(overlap, sentence).findings

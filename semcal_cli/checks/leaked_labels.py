@@ -28,7 +28,7 @@ LEAKED_LABELS = Check(
         quotes=(
             (
                 "point labels seem to come from image labels, since pixels say 98% as much about hidden "
-                "points as about visible ones, needed at most 88%: label the points without the images, "
+                "points as about visible ones (limit 88%): label the points without the images, "
                 "or calibrate with --cue segments,edges"
             ),
         ),
@@ -71,7 +71,7 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
     as_much, most = format_against_limit(share, LEAKED_LABELS.limit(), unit="%")
     sentence = (
         f"point labels seem to come from image labels, since pixels say {as_much} as much about hidden points as about "
-        f"visible ones, needed at most {most}"
+        f"visible ones (limit {most})"
     )
     return (LEAKED_LABELS.measured(share, sentence),)
 

@@ -20,13 +20,13 @@ MOTION = Check(
         quotes=(
             (
                 "the LiDAR's motion is not compensated, so half of the points are off by 5.2 pixels "
-                "or more, needed at most 3: give motion.poses or motion.twist in the drive, or record "
+                "or more (limit 3): give motion.poses or motion.twist in the drive, or record "
                 "at lower speed"
             ),
             (
-                "the points have times, but the drive gives no motion, so the error from motion is "
-                "unknown, needed motion.poses, motion.twist, or motion.speed_m_s (0 for a stationary "
-                "rig): give motion.poses or motion.twist in the drive, or record at lower speed"
+                "the sweeps have point times, but the drive has no `motion:`, so skew cannot be corrected: "
+                "run `semcal odometry DRIVE`, or write `motion: {speed_m_s: 0}` in the drive if the rig "
+                "stood still"
             ),
         ),
         meaning=(
@@ -57,13 +57,12 @@ SHUTTER = Check(
         quotes=(
             (
                 "the rolling shutter is not compensated, because the drive gives no direction of "
-                "motion, so half of the points are off by 3.8 pixels or more, needed at most 3: give "
+                "motion, so half of the points are off by 3.8 pixels or more (limit 3): give "
                 "motion.poses or motion.twist in the drive, or record at lower speed"
             ),
             (
-                "the shutter rolls, but the drive gives no motion, so the error from motion is "
-                "unknown, needed motion.poses, motion.twist, or motion.speed_m_s (0 for a stationary "
-                "rig): give motion.poses or motion.twist in the drive, or record at lower speed"
+                "the shutter rolls, but the drive has no `motion:`, so skew cannot be corrected: run "
+                "`semcal odometry DRIVE`, or write `motion: {speed_m_s: 0}` in the drive if the rig stood still"
             ),
         ),
         meaning=(
@@ -85,9 +84,9 @@ SHUTTER = Check(
         ),
     ),
 )
-UNKNOWN_COST = (
-    "but the drive gives no motion, so the error from motion is unknown, needed motion.poses, motion.twist, or "
-    "motion.speed_m_s (0 for a stationary rig)"
+UNSTATED = "but the drive has no `motion:`, so skew cannot be corrected"
+STATE_MOTION = (
+    "run `semcal odometry DRIVE`, or write `motion: {speed_m_s: 0}` in the drive if the rig stood still"
 )
 
 
@@ -97,26 +96,33 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
         return ()
     off_px, most = format_against_limit(motion_error_px, MOTION.limit(), 1)
     sentence = (
-        f"the LiDAR's motion is not compensated, so half of the points are off by {off_px} pixels or more, "
-        f"needed at most {most}"
+        "the LiDAR's motion is not compensated, so half of the points are off by "
+        f"{off_px} pixels or more (limit {most})"
     )
     return MOTION.measured(motion_error_px, sentence).findings
 
 
-def check_unstated(drive: Drive, observations: Observations) -> tuple[Finding, ...]:
+def check_unstated(
+    drive: Drive, num_scenes: int, num_frames: int, *, have_times: bool
+) -> tuple[Finding, ...]:
     """Check that a drive whose points have times gives the motion that smears its sweeps.
 
     At a steady speed all frames are off alike, so that their labels do not tell it.
+
+    Args:
+        drive: The drive.
+        num_scenes: Number of scenes that its frames show.
+        num_frames: Number of its frames.
+        have_times: Whether points have the times at which they were measured.
     """
-    if not observations.have_times or not _is_unknown(drive, observations):
+    if not have_times or not _is_unknown(drive, num_scenes, num_frames):
         return ()
-    return (MOTION.finding(f"the points have times, {UNKNOWN_COST}"),)
+    return (MOTION.finding(f"the sweeps have point times, {UNSTATED}")._replace(advice=STATE_MOTION),)
 
 
-def _is_unknown(drive: Drive, observations: Observations) -> bool:
+def _is_unknown(drive: Drive, num_scenes: int, num_frames: int) -> bool:
     """Whether the drive gives no motion, and its frames do not show a rig that stands: several of one scene."""
-    stands = len(set(observations.scenes)) == 1 < observations.num_frames
-    return drive.motion is None and not stands
+    return drive.motion is None and not num_scenes == 1 < num_frames
 
 
 def check_shutter(
@@ -138,13 +144,13 @@ def check_shutter(
     if can_be_unrolled(observations):
         note = "this method does not compensate for the rolling shutter: all rows count as the middle one"
         return (), () if is_compensated else (note,)
-    if _is_unknown(drive, observations):
-        return (SHUTTER.finding(f"the shutter rolls, {UNKNOWN_COST}"),), ()
+    if _is_unknown(drive, len(set(observations.scenes)), observations.num_frames):
+        return (SHUTTER.finding(f"the shutter rolls, {UNSTATED}")._replace(advice=STATE_MOTION),), ()
     open_shutter = "the rolling shutter is not compensated, because the drive gives no direction of motion"
     error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
     if error_px is None:
         return (), (f"{open_shutter}: {SHUTTER.advice}",)
     off_px, most = format_against_limit(error_px, SHUTTER.limit(), 1)
     cost = f"so half of the points are off by {off_px} pixels or more"
-    measured = SHUTTER.measured(error_px, f"{open_shutter}, {cost}, needed at most {most}")
+    measured = SHUTTER.measured(error_px, f"{open_shutter}, {cost} (limit {most})")
     return measured.findings, () if measured.findings else (f"{open_shutter}, {cost}: {SHUTTER.advice}",)

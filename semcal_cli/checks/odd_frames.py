@@ -31,9 +31,9 @@ ODD_FRAMES = Check(
         section=PageSection.FILES,
         quotes=(
             (
-                "points and pixels of 000003 may not belong together, since 000003 agrees 9% as well as "
-                "others, needed at least 35%, or better than with images of other frames: check the times "
-                "and names of the files, or leave these frames out (--exclude FRAME)"
+                "points and pixels of 000003 look mismatched; 000003 agrees 9% as well as a typical frame "
+                "(limit 35%): check the times and names of the files, or leave these frames out (--exclude "
+                "FRAME)"
             ),
         ),
         meaning="Most frames fit, but these do not.",
@@ -95,11 +95,13 @@ def check_pairs(
         return (ODD_FRAMES.measured(share, limit="information"),)
     worst = min(wrong, key=lambda frame: float(own[frame]))
     share = float(own[worst]) / usual if usual > 0.0 else -math.inf
-    part, needed = format_against_limit(share, least, unit="%")
-    as_well = f"{part} as well as others" if share >= 0.0 else "worse than chance"
+    part, limit = format_against_limit(share, least, unit="%")
+    agrees = f"{part} as well as a typical frame (limit {limit})"
+    if share < 0.0:
+        agrees = f"no better than chance (limit {limit} of a typical frame)"
     sentence = (
-        f"points and pixels of {frame_list(names, wrong)} may not belong together, since {frame_name(names, worst)} "
-        f"agrees {as_well}, needed at least {needed}, or better than with images of other frames"
+        f"points and pixels of {frame_list(names, wrong)} look mismatched; "
+        f"{frame_name(names, worst)} agrees {agrees}"
     )
     return (ODD_FRAMES.measured(share, sentence, "information"),)
 

@@ -25,7 +25,7 @@ ONE_CLASS = Check(
         quotes=(
             (
                 "nearly all points in the image have the same class, equivalent to 1.05 equally frequent "
-                "classes, needed at least 1.2: record frames with more kinds of objects, or label more "
+                "classes (limit 1.2): record frames with more kinds of objects, or label more "
                 "classes"
             ),
         ),
@@ -89,8 +89,5 @@ def _check_side(name: str, classes: Sequence[npt.NDArray[np.uint8]]) -> Measured
     # The number of equally frequent classes that would have the same entropy.
     effective = float(np.exp(entropy(counts)))
     like, least = format_against_limit(effective, ONE_CLASS.limit(), 2)
-    sentence = (
-        f"nearly all {name} have the same class, equivalent to {like} equally frequent classes, needed at least "
-        f"{least}"
-    )
+    sentence = f"nearly all {name} have the same class, equivalent to {like} equally frequent classes (limit {least})"
     return ONE_CLASS.measured(effective, sentence)

@@ -22,8 +22,8 @@ OTHER_AZIMUTH = Check(
         section=PageSection.MOUNTING,
         quotes=(
             (
-                "with the camera turned by 90 degrees, points and images still fit 71% as well, needed at "
-                "most 65%: add frames from other places, or measure the mounting by hand and give it with "
+                "turned by 90 degrees, the camera still fits 71% as well (limit 65%), so its direction is "
+                "ambiguous: add frames from other places, or measure the mounting by hand and give it with "
                 "--init"
             ),
         ),
@@ -60,5 +60,8 @@ def check_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured:
     sentence = f"points and images {NO_FIT}" + f", and fit better {turned_by}" * (best_deg > 0.0)
     if own.information > 0.0:
         as_well, most = format_against_limit(best / own.information, OTHER_AZIMUTH.limit(by), unit="%")
-        sentence = f"{turned_by}, points and images still fit {as_well} as well, needed at most {most}"
+        sentence = (
+            f"turned by {best_deg:.0f} degrees, the camera still fits {as_well} as well (limit {most}), so its "
+            "direction is ambiguous"
+        )
     return OTHER_AZIMUTH.measured(relative_information(best, own.information), sentence, by)

@@ -18,8 +18,8 @@ OTHER_MOUNTING = Check(
         section=PageSection.MOUNTING,
         quotes=(
             (
-                "a mounting 31 degrees away explains the labels almost as well: only 1.62 standard errors "
-                "worse, needed at least 2: add frames from other places, or measure the mounting by hand "
+                "a mounting 31 degrees away explains the labels only 1.62 standard errors worse; a trusted "
+                "pose must beat every other by 2: add frames from other places, or measure the mounting by hand "
                 "and give it with --init"
             ),
         ),
@@ -44,7 +44,7 @@ NOTHING_TO_COMPARE = Check(
         section=PageSection.MOUNTING,
         quotes=(
             (
-                "the search left no other mounting to compare with, needed at least one: add frames from "
+                "the search left no other mounting to compare with: add frames from "
                 "other places, or measure the mounting by hand and give it with --init"
             ),
         ),
@@ -70,7 +70,7 @@ def check_mountings(search: Initialization) -> tuple[Finding, ...]:
 def check_runner_up(best: Mounting, other: Mounting | None) -> tuple[Finding, ...]:
     """Check that there is a runner-up, and that it is far enough behind the best hypothesis."""
     if other is None:
-        sentence = "the search left no other mounting to compare with, needed at least one"
+        sentence = "the search left no other mounting to compare with"
         return (NOTHING_TO_COMPARE.finding(sentence),)
     margin = best.margin(other)
     sentence = (
@@ -86,5 +86,5 @@ def describe_mountings(search: Initialization) -> str:
     if margin is None:
         return "mounting found, no other one to compare with"
     if margin >= MIN_RUNNER_UP_MARGIN:
-        return f"{count} mountings compared, the best one is clear"
-    return f"{count} mountings compared, another one fits {'almost as well' if margin >= 0.0 else 'better'}"
+        return f"{count} candidate mountings compared, the best one is clear"
+    return f"{count} candidate mountings compared; two fit about equally well, so the refined poses decide"

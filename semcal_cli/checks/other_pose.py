@@ -33,8 +33,8 @@ OTHER_POSE = Check(
         section=PageSection.MOUNTING,
         quotes=(
             (
-                "a pose 2.1 degrees and 24 cm away explains the data almost as well: only 1.4 standard "
-                "errors worse, needed at least 3: add frames from other places"
+                "a pose 2.1 degrees and 24 cm away explains the data only 1.4 standard errors worse; a "
+                "trusted pose must beat every other by 3: add frames from other places"
             ),
         ),
         meaning=(

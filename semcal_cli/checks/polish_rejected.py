@@ -17,8 +17,8 @@ POLISH_REJECTED = Check(
         section=PageSection.CONVERGENCE,
         quotes=(
             (
-                "the polish was rejected; held-out data agree 4.2 standard errors worse after it, needed "
-                "at most 3: check with `semcal inspect` that sweeps, images and labels belong together, "
+                "the polish was rejected; held-out data agree 4.2 standard errors worse after it "
+                "(limit 3): check with `semcal inspect` that sweeps, images and labels belong together, "
                 "or add frames"
             ),
         ),
@@ -79,7 +79,6 @@ def check_held_out(polished: Polish) -> tuple[Finding, ...]:
     loss = -test.held_out_gain_nats / max(test.held_out_sigma_nats, MIN_SIGMA)
     less, most = format_against_limit(loss, polished.max_loss, 1)
     sentence = (
-        f"the polish was rejected; held-out data agree {less} standard errors worse after it, needed at most "
-        f"{most}"
+        f"the polish was rejected; held-out data agree {less} standard errors worse after it (limit {most})"
     )
     return (POLISH_REJECTED.finding(sentence),)

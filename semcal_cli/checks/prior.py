@@ -20,12 +20,12 @@ PRIOR = Check(
         quotes=(
             (
                 "--prior-translation-m 1.2 0 0.4 0.02 is 12.3 cm from the pose that labels alone "
-                "give, chi-square 88 with 3 degrees of freedom, needed at most 31: measure it again, "
+                "give, chi-square 88 with 3 degrees of freedom (limit 31): measure it again, "
                 "or give a larger SIGMA"
             ),
             (
                 "--prior-rotation-deg 0 0 90 0.3 is 2.10 degrees from the pose that everything else "
-                "gives, 6.3 standard deviations, needed at most 4: measure it again, or give a larger "
+                "gives, 6.3 standard deviations (limit 4): measure it again, or give a larger "
                 "SIGMA"
             ),
         ),
@@ -63,7 +63,7 @@ def _contradiction(name: str, offset: OffsetFromLabels) -> tuple[Finding, ...]:
     chi2, most = format_against_limit(offset.chi2, max_chi2)
     sentence = (
         f"{name} is {_length(offset.axis, offset.offset)} from the pose that labels alone give, chi-square {chi2} with "
-        f"{counted(offset.num_axes, 'degree')} of freedom, needed at most {most}"
+        f"{counted(offset.num_axes, 'degree')} of freedom (limit {most})"
     )
     return (PRIOR.finding(sentence),)
 
@@ -73,7 +73,7 @@ def _distance(offset: PriorOffset) -> tuple[Finding, ...]:
     off, most = format_against_limit(offset.deviations, PRIOR.limit("one axis"), 1)
     sentence = (
         f"{offset.name} is {_length(offset.axis, offset.offset)} from the pose that everything else gives, {off} "
-        f"standard deviations, needed at most {most}"
+        f"standard deviations (limit {most})"
     )
     return PRIOR.measured(offset.deviations, sentence, "one axis").findings
 

@@ -23,7 +23,7 @@ REFINEMENT_NOT_SETTLED = Check(
         quotes=(
             (
                 "the refinement had not settled; the pose still moved points by 0.8 pixels at the end of "
-                "the finest level, needed at most 0.5: add frames, or start nearer with --init"
+                "the finest level (limit 0.5): add frames, or start nearer with --init"
             ),
         ),
         meaning="The ascent was still moving when it ended.",
@@ -47,8 +47,8 @@ POLISH_NOT_SETTLED = Check(
         section=PageSection.CONVERGENCE,
         quotes=(
             (
-                "the polish had not settled; its last round still moved points by 0.21 pixels, needed at "
-                "most 0.1: add frames, or start nearer with --init"
+                "the polish had not settled; its last round still moved points by 0.21 pixels "
+                "(limit 0.1): add frames, or start nearer with --init"
             ),
         ),
         meaning="Newton's method on all points jumped between poses that are about equally good.",
@@ -90,7 +90,7 @@ def check_refinement(refined: Refinement) -> tuple[Finding, ...]:
     moved_px, most_px = format_against_limit(refined.levels[-1].drift, refined.max_drift, 1)
     sentence = (
         f"the refinement had not settled; the pose still moved points by {moved_px} pixels at the end of the finest "
-        f"level, needed at most {most_px}"
+        f"level (limit {most_px})"
     )
     return (REFINEMENT_NOT_SETTLED.finding(sentence),)
 
@@ -100,7 +100,9 @@ def check_polish(polished: Polish) -> tuple[Finding, ...]:
     if not polished.is_accepted or polished.is_settled or not math.isfinite(polished.moved_px):
         return ()
     moved, most = format_against_limit(polished.moved_px, polished.max_moved_px, 2)
-    sentence = f"the polish had not settled; its last round still moved points by {moved} pixels, needed at most {most}"
+    sentence = (
+        f"the polish had not settled; its last round still moved points by {moved} pixels (limit {most})"
+    )
     return (POLISH_NOT_SETTLED.finding(sentence),)
 
 

@@ -41,7 +41,7 @@ SHIFTED_POINT_LABELS = Check(
         quotes=(
             (
                 "point labels fit the clouds better when shifted by 3 entries towards the end of the "
-                "file, by 9.1 standard errors, needed at most 4: check that no points were skipped when "
+                "file, by 9.1 standard errors (limit 4): check that no points were skipped when "
                 "they were written, and label these sweeps again"
             ),
         ),
@@ -63,7 +63,7 @@ SHIFTED_LABEL_IMAGES = Check(
         quotes=(
             (
                 "label images fit their images better when shifted by 3 pixels right, by 6.3 standard "
-                "errors, needed at most 4: check that they were made from these images at the same size, "
+                "errors (limit 4): check that they were made from these images at the same size, "
                 "and label them again"
             ),
         ),
@@ -134,7 +134,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         better, most = format_against_limit(points.z, SHIFTED_POINT_LABELS.limit(), 1)
         sentence = (
             f"point labels{of(points)} fit the clouds better when {_entries_words(*points.move)}, "
-            f"by {better} standard errors, needed at most {most}"
+            f"by {better} standard errors (limit {most})"
         )
         measured.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
     pixels = _moved_pixels(observations, read_image)
@@ -142,7 +142,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         better, most = format_against_limit(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
         sentence = (
             f"label images{of(pixels)} fit their images better when {_move_words(*pixels.move)}, "
-            f"by {better} standard errors, needed at most {most}"
+            f"by {better} standard errors (limit {most})"
         )
         measured.append(SHIFTED_LABEL_IMAGES.measured(pixels.z, sentence))
     if not unread:

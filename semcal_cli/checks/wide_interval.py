@@ -15,8 +15,8 @@ WIDE_INTERVAL = Check(
         section=PageSection.DETERMINATION,
         quotes=(
             (
-                "the interval is too wide, +- 0.41 m along the optical axis (95 %), needed at most 0.25 m "
-                "and 1 degree: add frames with near and far objects, recorded while driving"
+                "the interval is too wide, +- 0.41 m along the optical axis (95 %; "
+                "limits 0.25 m and 1 degree): add frames with near and far objects, recorded while driving"
             ),
         ),
         meaning="There is an interval, but it is wider than that of a trusted pose may be.",
@@ -50,7 +50,7 @@ def check_interval(uncertainty: Uncertainty, advice: str | None = None) -> tuple
     widths += [f"{half:.1f} degrees {name}" for name, half in rotation]
     if not widths:
         return ()
-    needed = f"needed at most {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
-    sentence = f"the interval is too wide, +- {', +- '.join(widths)} (95 %), {needed}"
+    limits = f"limits {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
+    sentence = f"the interval is too wide, +- {', +- '.join(widths)} (95 %; {limits})"
     finding = WIDE_INTERVAL.finding(sentence)
     return (finding if advice is None else finding._replace(advice=advice),)

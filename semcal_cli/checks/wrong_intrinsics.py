@@ -30,7 +30,7 @@ WRONG_INTRINSICS = Check(
         quotes=(
             (
                 "the frames contradict the intrinsics: cx should be 614 +- 7.5 instead of 639.6, 6.8 standard "
-                "errors away, needed at most 3: check that the images were not cropped or resized after K was "
+                "errors away (limit 3): check that the images were not cropped or resized after K was "
                 "measured, that K is the camera_info of this camera and mode, and that rectified images state no "
                 "distortion, or calibrate with --refine-intrinsics fx,fy,cx,cy"
             ),
@@ -104,9 +104,7 @@ def _compare(estimate: IntrinsicsEstimate) -> Measured:
                 f"{name} should be {given + estimate.changes[index]:.{digits}f} +- {half} instead of "
                 f"{given:.{max(digits, 1)}f}, {away} standard errors away"
             )
-    sentence = (
-        f"the frames contradict the intrinsics: {', '.join(words)}, needed at most {limit:g}" if words else ""
-    )
+    sentence = f"the frames contradict the intrinsics: {', '.join(words)} (limit {limit:g})" if words else ""
     return WRONG_INTRINSICS.measured(float(deviations.max()), sentence)
 
 

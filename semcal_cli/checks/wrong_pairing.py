@@ -21,7 +21,7 @@ WRONG_PAIRING = Check(
         section=PageSection.FILES,
         quotes=(
             (
-                "images of other frames fit the clouds 80% as well as their own, needed at most 55%: "
+                "images of other frames fit these sweeps 80% as well as their own (limit 55%): "
                 "compare times and names to check that sweeps and images belong together"
             ),
         ),
@@ -63,7 +63,5 @@ def check_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Meas
     sentence = f"clouds and images {NO_FIT}, and images of other frames fit better"
     if own > 0.0:
         as_well, most = format_against_limit(best / own, WRONG_PAIRING.limit(by), unit="%")
-        sentence = (
-            f"images of other frames fit the clouds {as_well} as well as their own, needed at most {most}"
-        )
+        sentence = f"images of other frames fit these sweeps {as_well} as well as their own (limit {most})"
     return [WRONG_PAIRING.measured(relative_information(best, own), sentence, by)]

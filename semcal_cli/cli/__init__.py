@@ -20,7 +20,7 @@ import click
 from semcal_cli.cli.ci import annotate
 from semcal_cli.cli.removed import explained
 from semcal_cli.config import MAX_PIXELS
-from semcal_cli.errors import InputError, SemcalError, printable
+from semcal_cli.errors import InputError, SemcalError, for_people, printable
 from semcal_cli.plugins import PluginWarning
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
@@ -169,9 +169,14 @@ def run(arguments: Sequence[str]) -> Ending:
     except OSError as error:
         failure = error
         line = f"{error.filename or 'standard output'}: {(error.strerror or str(error)).lower()}"
-    click.echo(f"semcal: error: {line}", err=True)
+    _tell(line)
     annotate(arguments[0] if arguments else "", "error", line)
     return Ending(EXIT_FAILURE, line, failure)
+
+
+def _tell(line: str) -> None:
+    """Print an error, as all of them are printed."""
+    click.echo(f"semcal: error: {for_people(line)}", err=True)
 
 
 def _formatted(
@@ -199,14 +204,20 @@ def _limit_arenas() -> None:
 
 
 def _invoke(arguments: Sequence[str]) -> Ending:
-    """Invoke the command, and report wrong usage as click does."""
+    """Invoke the command; wrong usage is one line as well, after which stands how to get help."""
     try:
         return Ending(int(semcal.main(arguments, prog_name="semcal", standalone_mode=False) or 0))
     except SystemExit as end:
         return Ending(int(end.code or 0))
     except click.ClickException as error:
-        error.show()
-        return Ending(error.exit_code, " ".join(error.format_message().split()), error)
+        line = " ".join(error.format_message().split())
+        if isinstance(error, click.exceptions.NoArgsIsHelpError):  # a group without a command: its help
+            error.show()
+            return Ending(error.exit_code, line, error)
+        _tell(line)
+        if isinstance(error, click.UsageError) and error.ctx is not None:
+            click.echo(f"Try '{error.ctx.command_path} --help' for help.", err=True)
+        return Ending(error.exit_code, line, error)
     except click.Abort as stop:
         # click raises this for Ctrl-C, which shells report as 128 plus the number of the signal.
         return _stopped(EXIT_STOPPED if _is_interrupted(stop) else EXIT_FAILURE)
@@ -241,4 +252,4 @@ def _check_text(argument: str) -> None:
         argument.encode()
     except UnicodeEncodeError:
         text = argument.encode(errors="backslashreplace").decode()
-        raise InputError(f"{text}: found bytes that are not UTF-8, needed text") from None
+        raise InputError(f"{text}: found bytes that are not UTF-8, expected text") from None

@@ -95,7 +95,7 @@ def batch(settings: BatchSettings) -> None:
     the machine failed, for instance because the disk was full. DIR must be separate from the drives and hold no other
     results.
 
-    Exit code: the worst of all drives; from worst to best, these are 1, 3, 4 and 0.
+    Exits with the worst code of any drive (1, then 3, 4, 0).
 
     --calibration accepts {KNOWN_TRANSFORMS}.
     """
@@ -219,7 +219,7 @@ def _parse_rest(settings: BatchSettings, rest: list[str]) -> CalibrateSettings |
     from semcal_cli.many.batch.tasks import RESULTS
 
     if "--" in rest:
-        raise click.UsageError("-- --: found a second --, needed options of the command")
+        raise click.UsageError("-- --: found a second --, expected options of the command")
     name, run = settings.command, COMMANDS[settings.command]
     arguments = ["DRIVE"] if settings.calibration is None else ["DRIVE", str(settings.calibration)]
     root = click.get_current_context().parent

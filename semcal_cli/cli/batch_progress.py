@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from semcal_cli.cli.tables import labelled, pose_rows, wrapped
+from semcal_cli.cli.tables import group_rows, labelled, pose_rows, wrapped
 from semcal_cli.cli.terminal import COLORS, live_lines, make_console, running_lines, time_left
 from semcal_cli.errors import SemcalError, printable
 from semcal_cli.many.batch.pace import Pace
@@ -134,19 +134,19 @@ def _agreement(trusted: set[str], folder: Path) -> list[tuple[str, str]]:
     from semcal_cli.config import Limits
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.fleet_drives import read_fleet_drives
+    from semcal_cli.fleet.groups import groups_that_agree
     from semcal_cli.result.uncertainty import widest
 
     try:
         drives = [
             drive for drive in read_fleet_drives([folder]) if drive.name in trusted and drive.left_out is None
         ]
-        num_cameras = len({drive.camera for drive in drives})
-        if num_cameras > 1:
-            several = f"none: the trusted drives have {num_cameras:,} different cameras, given or estimated"
-            return [("agreed pose", several)]
-        fleet = combine_drives(drives, Limits())
+        groups = groups_that_agree(drives, Limits())
+        fleet = combine_drives(drives, Limits()) if len({drive.camera for drive in drives}) == 1 else None
     except SemcalError as error:
         return [("agreed pose", f"none: {error}")]
+    if fleet is None or (len(groups) > 1 and fleet.drift is None):
+        return group_rows(groups)
     half_widths = widest(fleet.parts[-1].half_widths.tolist())
     return [
         ("agreed pose", f"of {len(drives):,} trusted drives: {half_widths}"),

@@ -15,21 +15,14 @@ from semcal_cli.errors import NoStartError, shell
 
 @command(CalibrateSettings)
 def calibrate(settings: CalibrateSettings) -> None:
-    """Calibrate the camera and the LiDAR of a drive, or of a recording or a data set, which become a drive first.
+    """Calibrate the camera and the LiDAR of a drive, a recording or a data set.
 
-    Examples: `semcal calibrate recording.mcap`, `semcal calibrate my_drive --init tf.yaml -o front.yaml`.
+    A drive is a folder with a drive.yaml. A recording (.mcap, .bag, .db3, or a folder of them) or a data set becomes
+    one beside the output, with a report and overlays. A rig.yaml stands for several cameras; -o is then a folder.
 
-    A drive is a folder with a drive.yaml, or the file itself. A recording (.mcap, .bag, .db3, or a folder of them) or
-    a data set becomes one beside the output, with a report and overlays, and each step is printed as a command that
-    does it alone.
-
-    The calibration starts from --init or --init-rpy-xyz. Without them, labels of both sides, or of images, in the drive
-    find the mounting. Without labels, it starts from the transform that the recording or the drive states, from the
-    image labels of --image-model, or from the turns of the motion, whichever comes first. Exit code 3 means that a
-    result was written but is not trusted.
-
-    DRIVE may be a rig.yaml, which lists the drives of several cameras with one LiDAR. All of them are calibrated. -o is
-    then a folder, for the result of each camera and for rig_calibration.yaml, which relates the cameras to each other.
+    Without --init, labels in the drive find the mounting, or else the start is the transform that the recording or
+    drive states, labels by --image-model, or the turns of the motion. Exit code 3 means that a result was written but
+    is not trusted.
     """
     from semcal_cli.cli.given_source import typed_for, with_drive
     from semcal_cli.cli.start import advised, choose_start
@@ -44,7 +37,7 @@ def calibrate(settings: CalibrateSettings) -> None:
         from semcal_cli.cli.rig import calibrate_rig
 
         if settings.has_chosen_frames:
-            raise click.UsageError("--frames, --exclude: found a rig, needed the drive of one camera.")
+            raise click.UsageError("--frames, --exclude: found a rig, expected the drive of one camera.")
         sys.exit(calibrate_rig(rig, settings if _has_output() else replace(settings, output=None)))
     drive, is_imported = settings.read_drive(), settings.drive != given.drive
     try:

@@ -94,6 +94,11 @@ class CalibrateSettings(
     """Settings of `calibrate`."""
 
     takes_recordings = True
+    shown_first = (
+        *("--output", "--report", "--overlay", "--init", "--init-rpy-xyz", "--cue", "--image-model"),
+        *("--points", "--image", "--frames", "--exclude", "--refine-intrinsics", "--estimate-delay", "--to"),
+        *("--force", "--json", "--verbose", "--quiet"),
+    )
     rules = [
         given(
             *(
@@ -123,10 +128,12 @@ class CalibrateSettings(
         "File for the result: .yaml, .yml or .json; - is standard output. Without it, --json and --to print the result "
         "and write no file.",
         default=DEFAULT_OUTPUT,
+        brief="File for the result: .yaml, .yml or .json.  [default: calibration.yaml]",
     )
     force: bool = option(
         "Replace an output that is no calibration of semcal. A drive of other data is never replaced.",
         default=False,
+        brief="Replace an output that is no calibration of semcal.",
     )
     method: Literal["mi", "paper"] = option(
         "mi: mutual information, as semcal maximises it. paper: the paper's method exactly as published, for "
@@ -147,6 +154,7 @@ class CalibrateSettings(
         "Also draw the points on the images of at most 20 frames, before and after refinement.",
         "--overlay",
         metavar="DIR",
+        brief="Also draw the points on at most 20 images.",
     )
 
     def check(self) -> None:
@@ -206,7 +214,9 @@ class CalibrateSettings(
         from semcal_cli.observations.cues.cue_table import find_cue
 
         if len(self.cues) > 1:
-            raise click.UsageError(f"--cue: found {','.join(self.cues)}, needed one cue for --method paper.")
+            raise click.UsageError(
+                f"--cue: found {','.join(self.cues)}, expected one cue for --method paper."
+            )
         usual, drift = PaperConfig(), self.max_final_drift
         (cue,) = self.known_cues(self.cues)
         asked = {name: getattr(self, name) for name in settings_of(MineConfig)}

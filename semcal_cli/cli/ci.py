@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import click
 
 from semcal_cli.documentation import entry_address
-from semcal_cli.errors import InputError, SemcalError, first_of, os_reason
+from semcal_cli.errors import InputError, SemcalError, first_of, for_people, os_reason, signed
 
 if TYPE_CHECKING:
     from semcal_cli.pipeline.verdict import AxisVerdict, Verdict
@@ -132,7 +132,7 @@ def annotate(command: str, level: AnnotationLevel, text: str) -> None:
         return
     for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
         text = text.replace(character, code)
-    click.echo(f"::{level} title=semcal {command}::{text}", err=True)
+    click.echo(f"::{level} title=semcal {command}::{for_people(text)}", err=True)
 
 
 def add_to_summary(lines: Sequence[str]) -> None:
@@ -142,7 +142,7 @@ def add_to_summary(lines: Sequence[str]) -> None:
         return
     try:
         with Path(path).open("a", encoding="utf-8") as file:
-            file.write("\n".join(lines).rstrip() + "\n\n")
+            file.write(signed("\n".join(lines)).rstrip() + "\n\n")
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {os_reason(error)}") from None
 

@@ -14,10 +14,10 @@ from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import json_flag, limit
 from semcal_cli.cli.settings import argument, command
 from semcal_cli.config import Limits
-from semcal_cli.errors import format_against_limit
 
 if TYPE_CHECKING:
-    from semcal_cli.pipeline.comparison import Axis, Comparison
+    from semcal_cli.pipeline.comparison import Axis
+    from semcal_cli.pipeline.verdict import Unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,26 +39,29 @@ def compare(settings: CompareSettings) -> None:
 
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
-    from semcal_cli.cli.tables import wrapped
+    from semcal_cli.cli.tables import verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.pipeline.comparison import compare as difference, describe_cameras
-    from semcal_cli.pipeline.verdict import together
+    from semcal_cli.pipeline.verdict import AxisVerdict, together as combined
 
     a, b = read_extrinsic(settings.a), read_extrinsic(settings.b)
     comparison = difference(a, b)
     error = comparison.error
-    differences = (
-        ("rotation", error.rotation_deg, "degrees", settings.max_rotation_deg),
-        ("camera centre", error.camera_center_cm, "cm", 100.0 * settings.max_translation_m),
+    limits: tuple[tuple[str, Unit, float, float], ...] = (
+        ("rotation", "deg", error.rotation_deg, settings.max_rotation_deg),
+        ("camera centre", "cm", error.camera_center_cm, 100.0 * settings.max_translation_m),
     )
-    verdicts = [comparison.verdict(off, allowed, unit[:3]) for _, off, unit, allowed in differences]
-    verdict = together(verdicts)
+    checks = [
+        AxisVerdict(
+            name, unit, off, comparison.half_width(unit), allowed, comparison.verdict(off, allowed, unit)
+        )
+        for name, unit, off, allowed in limits
+    ]
+    verdict = combined(check.verdict for check in checks)
     if (cameras := describe_cameras(a, b)) is not None:
         click.echo("\n".join(wrapped("camera", cameras)), err=True)
-    figures = [_figures(comparison, off, unit, allowed) for _, off, unit, allowed in differences]
-    names = [name for name, *_ in differences]
-    cases = list(map(Case, names, verdicts, figures))
+    cases = list(map(Case.of_check, checks))
     report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
     if settings.as_json:
         document = asdict(comparison) | {"error": comparison.error.describe()}
@@ -66,33 +69,23 @@ def compare(settings: CompareSettings) -> None:
         click.echo(json.dumps(document, allow_nan=False))
     else:
         console = make_console(stderr=False)
-        console.print(f"{'':<18}{'A minus B':>14}   {'95 % of A':<12}95 % of B")
+        console.print(f"{'':<18}{'A minus B':>12}    {'A: 95 % interval':<18}B: 95 % interval")
         for axis in comparison.axes:
             console.print(_line(axis))
-        for name, off, unit, allowed in differences:
-            console.print(
-                f"{name.split()[-1]} overall".ljust(18) + f"{off:10.4f} {unit[:3]:<3}   allowed {allowed:g}"
-            )
-        line = f"within limits: {error.rotation_deg:.4f} degrees and {error.camera_center_cm:.3f} cm apart"
-        if verdict != "pass":
-            texts = (case.figures for case in cases if case.verdict == verdict)
-            line = f"{'beyond limits' if verdict == 'fail' else 'undecided'}: {'; '.join(texts)}"
-        console.print(line, style=COLORS[verdict])
+        decisive = "; ".join(f"{case.name} {case.figures}" for case in cases if case.verdict == verdict)
+        console.print(verdict_line(verdict, decisive), style=COLORS[verdict], markup=False)
     report.tell_github()
     sys.exit(report.exit_code)
 
 
-def _figures(comparison: Comparison, off: float, unit: str, allowed: float) -> str:
-    """Describe a total difference, its limit, and its uncertainty."""
-    text, maximum = format_against_limit(off, allowed, 3)
-    half = comparison.half_width(unit[:3])
-    return f"{text} {unit}, allowed {maximum}" + ("" if half is None else f", known to +- {half:.2f}")
-
-
 def _line(axis: Axis) -> str:
-    """Describe the difference along an axis, next to the intervals."""
-    halves = (axis.half_width_a, axis.half_width_b)
-    a, b = (f"{'not known' if half is None else f'+- {half:.4f}':<12}" for half in halves)
+    """Describe the difference along an axis with the digits of the intervals, next to these."""
+    from semcal_cli.errors import for_people
+    from semcal_cli.result.uncertainty import figure
+
+    halves = [None if half is None else figure(half) for half in (axis.half_width_a, axis.half_width_b)]
+    digits = max((len(half.partition(".")[2]) for half in halves if half), default=3)
+    a, b = (for_people("not known" if half is None else f"+- {half} {axis.unit}") for half in halves)
     explained = {None: "", True: "explained", False: "more than both"}[axis.is_explained]
-    difference = round(axis.difference, 4) + 0.0  # no -0.0000
-    return f"{axis.name:<18}{difference:10.4f} {axis.unit:<3}   {a}{b}{explained}".rstrip()
+    difference = round(axis.difference, digits) + 0.0  # no -0.0
+    return f"{axis.name:<18}{difference:8.{digits}f} {axis.unit:<3}    {a:<18}{b:<18}{explained}".rstrip()

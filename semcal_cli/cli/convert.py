@@ -38,7 +38,7 @@ class FormatName(click.ParamType[str]):
 
         names = [format.name for format in FORMATS]
         if value not in names and value not in PLUGINS.names:
-            self.fail(f"found {value!r}, needed one of: {', '.join([*names, *PLUGINS.names])}.", param, ctx)
+            self.fail(f"found {value!r}, expected one of: {', '.join([*names, *PLUGINS.names])}.", param, ctx)
         return str(value)
 
 

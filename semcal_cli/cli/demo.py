@@ -123,7 +123,7 @@ def _find_sequence(folder: Path) -> tuple[str, Request]:
     if not sequences:
         raise InputError(
             f"--real: found no velodyne, training/velodyne or 2011_09_26/2011_09_26_drive_0001_sync in {folder}, "
-            "needed a folder of KITTI object or KITTI raw"
+            "expected a folder of KITTI object or KITTI raw"
         )
     longest = max(sequences, key=lambda sweeps: sum(1 for _ in sweeps.iterdir()))
     sequence = longest.parents[1]

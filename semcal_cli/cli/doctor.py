@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import click
 
+from semcal_cli.cli.settings import ExampleCommand
 from semcal_cli.errors import counted, describe_extra, is_installed, reason
 
 HUB = "https://huggingface.co"
@@ -54,7 +55,7 @@ BESIDE = ("numpy", "scipy", "opencv-python-headless", "pydantic", "click")
 """Distributions whose versions matter most where results differ."""
 
 
-@click.command()
+@click.command(cls=ExampleCommand)
 def doctor() -> None:
     """Show versions, extras, threads and caches, and what does not work for want of an extra or of the network.
 
@@ -119,7 +120,7 @@ def _network() -> str:
     # A name and a password are not for those who read the report.
     shown = re.sub(r"//[^/]*@", "//", endpoint)
     if not endpoint.startswith(("http://", "https://")):
-        return f"{shown}: found in HF_ENDPOINT, needed an address that begins with https://. {without}"
+        return f"{shown}: found in HF_ENDPOINT, expected an address that begins with https://. {without}"
 
     def ask() -> None:
         from http.client import HTTPException

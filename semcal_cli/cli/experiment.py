@@ -31,8 +31,8 @@ def experiment() -> None:
 class ExperimentSettings:
     """The option of every experiment."""
 
-    out: Path = option(
-        "Folder for the results.", "-o", "--out", default=Path("semcal_experiments"), metavar="DIR"
+    output: Path = option(
+        "Folder for the results.", "-o", "--output", default=Path("semcal_experiments"), metavar="DIR"
     )
 
 
@@ -55,7 +55,7 @@ def _compare_methods(name: str, settings: MethodsSettings) -> None:
 
     check_torch(f"semcal experiment {name}")
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    runs = pairs_and_noise.experiment(settings.out, seeds, name, removes_speckle=not settings.unmended)
+    runs = pairs_and_noise.experiment(settings.output, seeds, name, removes_speckle=not settings.unmended)
     click.echo(measure(runs, settings.jobs), nl=False)
 
 
@@ -122,7 +122,7 @@ def table(settings: TableSettings) -> None:
     initial_pose = None if settings.init is None else read_initial_pose(settings.init)
     if initial_pose is not None:
         initial_pose.check_distance(MAX_BASELINE_M)
-    folder = settings.out / f"table_{spec.root.resolve().name}"
+    folder = settings.output / f"table_{spec.root.resolve().name}"
     prepare_folder(folder)
     transforms = [drive_file(path) for path in (settings.reference, settings.init) if path is not None]
     check_outputs(

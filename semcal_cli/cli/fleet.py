@@ -19,6 +19,7 @@ from semcal_cli.errors import InputError, counted
 
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.fleet.fleet_drives import FleetDrive
     from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet
     from semcal_cli.pipeline.verdict import AxisVerdict
 
@@ -52,7 +53,7 @@ class FleetSettings(LimitSettings, QuietSettings):
 
         check_page(self.page)
         if self.plot is not None and self.plot.suffix.lower() not in PLOTS:
-            raise InputError(f"{self.plot}: found suffix {self.plot.suffix!r}, needed {' or '.join(PLOTS)}")
+            raise InputError(f"{self.plot}: found suffix {self.plot.suffix!r}, expected {' or '.join(PLOTS)}")
 
 
 @command(FleetSettings)
@@ -103,7 +104,7 @@ def fleet(settings: FleetSettings) -> None:
     text = document_text(document, form)
     if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
         size = f"{len(text):,} bytes of YAML, too many for other commands to read"
-        raise InputError(f"{output}: found {size}, needed .json")
+        raise InputError(f"{output}: found {size}, expected .json")
     _write(combined, report, text, settings)
     if output is None or settings.as_json:
         click.echo(document_text(document, "json") if settings.as_json else text, nl=False)
@@ -162,14 +163,16 @@ def _cases(combined: Fleet) -> list[Case]:
 
 def _print(combined: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     """Print the summary of a fleet: what is wrong, what holds now, the files, and the verdict last."""
-    from semcal_cli.cli.tables import matrix_lines, wrapped
-    from semcal_cli.errors import first_of, printable
+    from semcal_cli.cli.tables import group_rows, matrix_lines, verdict_line, wrapped
+    from semcal_cli.errors import first_of, for_people
     from semcal_cli.fleet.fleet_verdict import title
     from semcal_cli.result.uncertainty import intervals
 
     def show(label: str, lines: Iterable[str]) -> None:
         terminal.print(*_rows(label, lines))
 
+    groups = _groups_apart(combined)
+    terminal.print(*(line for row in group_rows(groups) for line in wrapped(*row)) if groups else ())
     num_used, num_all = len(combined.drives), len(combined.drives) + len(combined.left_out)
     order = "in the order of their stamps" if combined.order == "stamp" else "in the order of their names"
     last = combined.parts[-1]
@@ -180,14 +183,25 @@ def _print(combined: Fleet, written: Sequence[Path], terminal: Terminal) -> None
     apart = [drive for drive in combined.drives if drive.disagrees or drive.is_far]
     apart.sort(key=lambda drive: (drive.verdict != "fail", not drive.is_far))
     show("apart", first_of([*map(_apart, apart)], MAX_LINES))
-    terminal.print(*map(printable, _check_lines(combined.checks)))
+    terminal.print(*map(for_people, _check_lines(combined.checks)))
     show("reasons", combined.reasons)
-    show("T_camera_lidar", matrix_lines(combined.T_camera_lidar))
-    show("holds", [f"at {last.last}" if combined.drift is not None else f"from {last.first} on"])
-    show("95 % interval", intervals(last.half_widths.tolist()))
+    if not groups:
+        show("T_camera_lidar", matrix_lines(combined.T_camera_lidar))
+        show("holds", [f"at {last.last}" if combined.drift is not None else f"from {last.first} on"])
+        show("95 % interval", intervals(last.half_widths.tolist()))
     show("written to", map(str, written))
-    verdict = f"{combined.verdict}: {title(combined)[0].lower()}{title(combined)[1:]}"
-    terminal.print_verdict("\n".join(wrapped("verdict", verdict)), combined.verdict)
+    what = f"{title(combined)[0].lower()}{title(combined)[1:]}"
+    terminal.print_verdict(verdict_line(combined.verdict, what), combined.verdict)
+
+
+def _groups_apart(combined: Fleet) -> list[list[FleetDrive]]:
+    """Group drives that agree, if no pose is that of most of them and no change or drift of the rig explains it."""
+    from semcal_cli.fleet.fleet_verdict import MIN_USED
+    from semcal_cli.fleet.groups import groups_that_agree
+
+    groups = groups_that_agree([compared.drive for compared in combined.drives], combined.limits)
+    is_explained = combined.drift is not None or len(combined.parts) > 1
+    return [] if is_explained or len(groups[0]) > MIN_USED * len(combined.drives) else groups
 
 
 def _apart(drive: ComparedDrive) -> str:

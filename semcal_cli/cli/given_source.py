@@ -78,7 +78,7 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
             raise OccupiedError(f"{path}: {kept}; `{shell('calibrate', drive)}` takes them")
     except OccupiedError as error:
         command = source.command(drive, *options, "--force")
-        raise InputError(f"{error.problem}, needed -o in another folder, or first `{command}`") from None
+        raise InputError(f"{error.problem}, expected -o in another folder, or first `{command}`") from None
     except ChoiceError as error:
         if all(words[0] in (*OF_RECORDINGS, *OF_DATASETS) for words in error.choices):
             raise
@@ -104,7 +104,7 @@ def _check_outputs(given: Path, drive: Path, typed: CalibrateSettings, settings:
 
     check_outputs([given], settings.output, settings.log, settings.page)
     if settings.output is not None and settings.output.name in (DRIVE_FILE, RIG_FILE):
-        raise InputError(f"{settings.output}: found the name of a drive or a rig, needed another -o")
+        raise InputError(f"{settings.output}: found the name of a drive or a rig; choose another -o")
     outputs, is_first = settings.outputs, settings.output is None or not settings.output.is_file()
     outputs.check_replaced()
     if settings.output is not None and settings.to is None:
@@ -114,7 +114,7 @@ def _check_outputs(given: Path, drive: Path, typed: CalibrateSettings, settings:
         check_image_folder(settings.images, MAX_IMAGES, [given])
     for folder in (drive, settings.images):
         if folder is not None and folder.is_symlink() and folder != typed.images:
-            raise InputError(f"{folder}: found a link, needed a folder or nothing")
+            raise InputError(f"{folder}: found a link, expected a folder or nothing")
     if not is_first or settings.force:
         return
     page = settings.page if typed.page is None else None
@@ -167,5 +167,5 @@ def _import_recording(
     topics = {"points": settings.points, "image": settings.image}
     import_recording(BagSettings(paths=(path,), odometry=has_odometry, **topics | about), is_last=False)
     if not has_odometry:
-        missing = f"the motion of the LiDAR is not estimated: found no {ODOMETRY}, needed {describe_extra('odometry')}"
+        missing = f"the motion of the LiDAR is not estimated: found no {ODOMETRY}; install {describe_extra('odometry')}"
         terminal.print(*wrapped("note:", missing, indent=6))

@@ -60,7 +60,7 @@ class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
             return Spin.model_validate(spin | numbers | {"clockwise": is_clockwise}).model_dump()
         except (KeyError, ValueError):
             needed = f"{self.name}, such as 10:cw:180:end"
-            self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
+            self.fail(f"found {str(value)[:40]!r}, expected {needed}.", param, ctx)
 
 
 class PointColumns(click.ParamType):  # type: ignore[type-arg]
@@ -78,7 +78,7 @@ class PointColumns(click.ParamType):  # type: ignore[type-arg]
         names: list[Any] = [name.strip() for name in str(value).split(",")]
         used = [name for name in names if name != "_"]
         if not {*"xyz"} <= {*used} or not {*names} <= {*known} or len({*used}) < len(used):
-            needed = f"needed x, y and z, and any of {', '.join(known[3:])}, each once but _"
+            needed = f"expected x, y and z, and any of {', '.join(known[3:])}, each once but _"
             self.fail(f"found {str(value)[:40]!r}, {needed}.", param, ctx)
         return tuple(names)
 
@@ -97,7 +97,7 @@ class TimeUnit(click.ParamType):  # type: ignore[type-arg]
         except ValueError:
             seconds = 0.0
         if not 0.0 < seconds <= MAX_UNIT_S:
-            needed = f"needed {', '.join(SECONDS_PER_UNIT)} or its length in seconds"
+            needed = f"expected {', '.join(SECONDS_PER_UNIT)} or its length in seconds"
             self.fail(f"found {str(value)[:40]!r}, {needed}.", param, ctx)
         return seconds
 

@@ -16,6 +16,11 @@ from semcal_cli.config import CalibrationConfig, RefinementConfig
 class InitializeSettings(SearchSettings, ResultSettings):
     """Settings of `initialize`."""
 
+    shown_first = (
+        *("--output", "--cue", "--init", "--init-rpy-xyz", "--search-deg", "--roll", "--frames", "--exclude"),
+        *("--json", "--verbose", "--quiet"),
+    )
+
 
 @command(InitializeSettings)
 def initialize(settings: InitializeSettings) -> None:

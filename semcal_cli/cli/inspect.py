@@ -14,7 +14,7 @@ import click
 from semcal_cli.cli.options import json_flag, max_points
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import argument, command, option
-from semcal_cli.errors import counted, printable
+from semcal_cli.errors import counted, printable, shell
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -65,7 +65,7 @@ def inspect(settings: InspectSettings) -> None:
     rig = find_rig(path)
     if settings.find_mask is not None:
         if rig is not None:
-            raise click.UsageError("--find-mask: found a rig, needed the drive of one camera.")
+            raise click.UsageError("--find-mask: found a rig, expected the drive of one camera.")
         _write_mask(read_drive(path, max_points), settings.find_mask)
         return
     drives = {"": read_drive(path, max_points)} if rig is None else rig.read_drives(max_points)
@@ -78,7 +78,7 @@ def inspect(settings: InspectSettings) -> None:
         documents = {name: asdict(report) for name, report in reports.items()}
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
-    _print(reports, with_frames=settings.with_frames)
+    _print(reports, path, with_frames=settings.with_frames)
 
 
 def _write_mask(drive: Drive, path: Path) -> None:
@@ -88,7 +88,7 @@ def _write_mask(drive: Drive, path: Path) -> None:
     from semcal_cli.observations.proposed_mask import propose_mask
 
     if path.suffix.lower() != ".png":
-        raise click.BadParameter(f"found suffix {path.suffix!r}, needed .png", param_hint="'--find-mask'")
+        raise click.BadParameter(f"found suffix {path.suffix!r}, expected .png", param_hint="'--find-mask'")
     own = drive.camera.mask
     before = drive.resolve(own) if isinstance(own, str) else None
     check_outputs([file for file in files_read(drive) if file != before], path)
@@ -102,12 +102,12 @@ def _write_mask(drive: Drive, path: Path) -> None:
     click.echo(f"wrote {path}: {share:.1%} of the image never change; {use}", err=True)
 
 
-def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
-    """Print what is suspicious for any camera, then the content of each drive, under its name if it has one.
+def _print(reports: Mapping[str, DriveReport], drive: Path, *, with_frames: bool) -> None:
+    """Print what is suspicious for any camera, the content of each drive, under its name if it has one, and what next.
 
     The table of frames is as wide as the terminal, or as COLUMNS; without both, rows are not wrapped.
     """
-    from semcal_cli.cli.tables import wrapped
+    from semcal_cli.cli.tables import labelled, wrapped
     from semcal_cli.cli.terminal import make_console
 
     console = make_console(stderr=False)
@@ -122,10 +122,10 @@ def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
         [f"{name}: {line}" if name else line for name, report in reports.items() for line in lines_of(report)]
         for lines_of in (lambda report: (*_grouped(report), *report.suspicions), lambda report: report.advice)
     )
-    for line in suspicious or ["nothing"]:
-        show("suspicious", line)
-    for line in too_little:
-        show("too little", line)
+    for line in (*suspicious, *too_little):
+        show("warning", line)
+    if not suspicious and not too_little:
+        console.print("no problems found")
     for name, report in reports.items():
         if name:
             console.print(f"\n[{printable(name)}]", markup=False)
@@ -133,16 +133,18 @@ def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
             show(label, line)
         if with_frames:
             console.print(_table(report), soft_wrap=False)
-        else:
-            show("frames", "see --frames")
+    console.print(labelled("next", shell("calibrate", drive), LABEL_WIDTH), markup=False)
 
 
 def _grouped(report: DriveReport) -> list[str]:
     """List the findings about frames; equal findings are joined and name their first frames."""
+    from semcal_cli.observations.frame_naming import frame_names
+
     frames_by_finding: dict[str, list[str]] = {}
-    for frame in report.frames:
+    names_of_frames = frame_names([frame.points for frame in report.frames])
+    for name, frame in zip(names_of_frames, report.frames, strict=True):
         for suspicion in frame.suspicions:
-            frames_by_finding.setdefault(suspicion, []).append(frame.points)
+            frames_by_finding.setdefault(suspicion, []).append(name)
     lines = []
     for suspicion, names in frames_by_finding.items():
         more = f" and {len(names) - NUM_NAMED_FRAMES:,} more" if len(names) > NUM_NAMED_FRAMES else ""
@@ -156,24 +158,24 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
     across, down = report.field_of_view_deg
     num_points = sum(frame.num_points for frame in report.frames)
     of_points = _together(frame.point_classes for frame in report.frames)
-    none_needed = "; segments and edges need none" if of_points is None else ""
+    of_pixels = _together(frame.image_classes for frame in report.frames)
     return [
         ("drive", f"{counted(len(report.frames), 'frame')}, {counted(num_points, 'point')}"),
         (
             "LiDAR",
-            f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth, "
-            f"half of the points within {report.median_range_m:.1f} m",
+            f"{report.pattern}; elevation {low:.0f} to {high:.0f} degrees, azimuth {report.azimuths_deg:.0f}; median "
+            f"range {report.median_range_m:.1f} m",
         ),
         *([] if report.span_s is None else [("motion", _motion(report, report.span_s))]),
         (
             "camera",
-            f"{across:.1f} x {down:.1f} degrees; the accuracy of K and the lens is not checked here",
+            f"{across:.1f} x {down:.1f} degrees (inspect does not check intrinsics)",
         ),
         *([] if report.image_levels is None else [("images", _levels(*report.image_levels))]),
-        ("points", f"{_commonest(of_points)}{none_needed}"),
-        ("pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
+        *([] if of_points is None else [("points", _commonest(of_points))]),
+        *([] if of_pixels is None else [("pixels", _commonest(of_pixels))]),
         *(("network", line) for line in report.networks),
-        ("both sides", ", ".join(report.shared_classes) or "no class name in common, which does not matter"),
+        *([("both sides", ", ".join(report.shared_classes))] if report.shared_classes else []),
     ]
 
 
@@ -198,9 +200,11 @@ def _table(report: DriveReport) -> Table:
     from rich.table import Table
     from rich.text import Text
 
+    from semcal_cli.observations.frame_naming import frame_names
+
     frames = report.frames
     columns = {
-        "sweep": [frame.points for frame in frames],
+        "frame": frame_names([frame.points for frame in frames]),
         "points": [f"{frame.num_points:,}" for frame in frames],
         "no return": [f"{frame.num_no_returns:,}" for frame in frames],
         "ignored": [f"{frame.num_points_ignored:,}" for frame in frames],
@@ -211,7 +215,7 @@ def _table(report: DriveReport) -> Table:
     }
     table = Table(box=None, pad_edge=False)
     for name in columns:
-        table.add_column(name, justify="left" if "classes" in name or name == "sweep" else "right")
+        table.add_column(name, justify="left" if "classes" in name or name == "frame" else "right")
     for cells in zip(*columns.values(), strict=True):
         table.add_row(*(Text(printable(cell)) for cell in cells))  # names are not markup
     return table

@@ -51,13 +51,13 @@ def _check_pair(ctx: click.Context, param: click.Parameter, names: tuple[str, ..
     if len(names) > MAX_NETWORKS:
         raise click.BadParameter(f"found {len(names)}, needed at most {MAX_NETWORKS}.", ctx, param)
     if len({*map(os.path.abspath, names)}) < len(names):  # it would agree with itself
-        raise click.BadParameter(f"found {names[0]} twice, needed two networks.", ctx, param)
+        raise click.BadParameter(f"found {names[0]} twice, expected two networks.", ctx, param)
     return names
 
 
 def _check_png(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
     if path is not None and path.suffix.lower() != ".png":
-        raise click.BadParameter(f"found {path}, needed a .png.", ctx, param)
+        raise click.BadParameter(f"found {path}, expected a .png.", ctx, param)
     return path
 
 
@@ -75,6 +75,7 @@ class ImageSettings:
         multiple=True,
         callback=_check_pair,
         default=(),
+        brief="Label the images by this network: an .onnx file, or a name of `label --list-models`.",
     )
     image_card: str | None = option(
         "Model card, which describes the input and output of the (first) network: the name of a ready card, such as "
@@ -242,7 +243,7 @@ def label(settings: LabelSettings) -> None:
 def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> None:
     """Label a drive, draw the preview, and report what was done."""
     from semcal_cli.drive.document import output_drive_file, read_drive
-    from semcal_cli.errors import InputError, counted
+    from semcal_cli.errors import InputError, counted, shell
     from semcal_cli.labelling.labelled_drive import label_drive
     from semcal_cli.labelling.second_labels import record_second_labels, second_file
     from semcal_cli.observations.frame_selection import evenly_spaced
@@ -268,6 +269,8 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
         f"wrote {done.path}: {counted(done.num_frames, 'frame')} in {perf_counter() - start:.1f} s{reused}",
         *(f"failed: {failure}" for failure in failures),
     )
+    if not failures:
+        terminal.print(f"next: {shell('calibrate', settings.output, '-o', 'calibration.yaml')}")
     if failures:
         raise InputError(f"{len(failures)} of {len(indices)} frames failed; {next(iter(failures))}")
 

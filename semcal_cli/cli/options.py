@@ -39,24 +39,25 @@ class FrameSlice(click.ParamType):  # type: ignore[type-arg]
             parts = []
         if len(parts) not in (2, 3) or (len(parts) == 3 and parts[2] is not None and parts[2] < 1):
             needed = "START:STOP or START:STOP:STEP, with a step of at least 1"
-            self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
+            self.fail(f"found {str(value)[:40]!r}, expected {needed}.", param, ctx)
         return slice(*parts)
 
 
 CUES = Names(PLUGINS.own_names, alone=("features", "auto"), plugins=PLUGINS)
-MANY_POINTS = "Refuse sweeps with more than N points, and cloud files with more than 64 N bytes."
+MANY_POINTS = "Largest sweep to accept, in points."
 
 
 def result_file(
     help: str = "File for the result: .yaml, .yml or .json. If it is - or not given, YAML goes to standard output.",
     default: Path | None = None,
+    **about: Any,
 ) -> Any:
     """Make the option -o for the result file; standard output is None, however it is named."""
 
     def callback(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
         return None if path is not None and descriptor(path) == 1 else path
 
-    return output_file(help, "-o", "--output", callback=callback, default=default)
+    return output_file(help, "-o", "--output", callback=callback, default=default, **about)
 
 
 def json_flag() -> Any:
@@ -87,18 +88,17 @@ def inconclusive_choice() -> Any:
 def cue_list() -> Any:
     """Make the option for cues."""
     return option(
-        "What to compare points and pixels by: one cue, or several. auto: the best that the files of DRIVE allow. "
-        "labels: point labels and image labels. edges: steps in range and intensity against image gradients; they need "
-        "no labels, but do need a start within 5 degrees and 0.3 m. segments: parts of the sweeps, found by shape, "
-        "against image labels; together with edges, they need no start. intensity: the LiDAR's intensity against "
-        "grey values, without labels. features: feature vectors of points and pixels, only on their own and with "
-        "`semcal calibrate --estimator mine`.  [default: auto, which is labels or, without point labels, "
-        "segments,edges or whichever of the two the files allow]",
+        "What to compare points and pixels by: labels (of both), segments (of sweeps, with image labels), edges "
+        "(without labels, from a start within 5 degrees and 0.3 m), intensity, features (vectors, by `semcal "
+        "calibrate --estimator mine`), or several, such as segments,edges.  "
+        "[default: auto, the best that the files of DRIVE allow]",
         "--cue",
         default=AUTO,
         type=CUES,
         metavar="CUE[,CUE]",
         show_default=False,
+        brief="What to compare: labels, segments, edges, intensity, features, or several, such as segments,edges.  "
+        "[default: auto, the best that the files allow]",
     )
 
 
@@ -165,6 +165,7 @@ class EstimateSettings(RunSettings):
     exclude: tuple[str, ...] = option(
         "Leave out a frame, by the name of its cloud without folder and suffix, as messages state it. Give the option "
         "again for each frame.",
+        brief="Leave out a frame, by its name; give it again for others.",
         metavar="FRAME",
         multiple=True,
         default=(),

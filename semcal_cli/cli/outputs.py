@@ -243,16 +243,18 @@ class Outputs:
             if self.images is not None:
                 terminal.show("drawing points on images")
                 paths = [*report.overlays(MAX_IMAGES).write_all(self.images)]
-                if self.names_commands:
-                    terminal.print(labelled("overlays", f"{counted(len(paths), 'image')} in {self.images}"))
-                else:
-                    terminal.print_paths("image", paths)
+                terminal.print(count_images(paths, self.images))
                 self._name_command(terminal, "overlay", drive, self.images)
 
     def _name_command(self, terminal: Terminal, command: str, drive: Drive, output: Path) -> None:
         """Print the command that makes the report or the overlays alone."""
         if self.names_commands and self.output is not None:
             terminal.print(labelled("alone", shell(command, drive.argument, self.output, "-o", output)))
+
+
+def count_images(paths: Sequence[Path], folder: Path) -> str:
+    """Describe the images that were drawn into a folder."""
+    return labelled("overlays", f"{counted(len(paths), 'image')} in {folder}")
 
 
 def _report(calibration: CalibrationDocument, written_to: str) -> CiReport:
@@ -290,16 +292,16 @@ def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
     real_paths = set(map(os.path.realpath, read))
     for path in filter(None, outputs):
         if not is_folder(path.absolute().parent):
-            raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
+            raise InputError(f"{path}: found no folder {path.parent}, expected one to write to")
         if is_folder(path):
-            raise InputError(f"{path}: found a folder, needed a file to write to")
+            raise InputError(f"{path}: found a folder, expected a file to write to")
         check_descriptor(path)
         if os.path.realpath(path) in real_paths:
-            raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
+            raise InputError(f"{path}: found a file that this run reads or writes; choose another name")
         if takes_several(path):
             continue
         if is_standard_stream(path):
-            raise InputError(f"{path}: found the file that the shell writes to, needed another name")
+            raise InputError(f"{path}: found the file that the shell writes to; choose another name")
         if not path.exists() or path.is_file():
             check_replaceable(path)
         real_paths.add(os.path.realpath(path))
@@ -314,13 +316,13 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
     from semcal_cli.report.overlays import overlay_paths
 
     if folder.exists() and not is_folder(folder):
-        raise InputError(f"{folder}: found a file, needed a folder for images")
+        raise InputError(f"{folder}: found a file, expected a folder for images")
     real_paths = set(map(os.path.realpath, read))
     for path in overlay_paths(folder, count):
         if os.path.realpath(path) in real_paths:
-            raise InputError(f"{path}: found a file that this run reads, needed another folder")
+            raise InputError(f"{path}: found a file that this run reads; choose another folder")
         if is_folder(path):
-            raise InputError(f"{path}: found a folder, needed a place for an image")
+            raise InputError(f"{path}: found a folder, expected a place for an image")
 
 
 def check_page(path: Path | None) -> None:
@@ -332,7 +334,7 @@ def check_page(path: Path | None) -> None:
     if path is None or (not path.suffix and descriptor(path) is not None):
         return
     if path.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"{path}: found suffix {path.suffix!r}, needed .html")
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .html")
 
 
 @contextmanager

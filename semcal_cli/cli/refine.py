@@ -17,6 +17,10 @@ class RefineSettings(RefinementSettings, ResultSettings):
     """Settings of `refine`."""
 
     section = "Start"
+    shown_first = (
+        *("--init", "--output", "--cue", "--frames", "--exclude", "--refine-intrinsics", "--estimate-delay"),
+        *("--fix", "--json", "--verbose", "--quiet"),
+    )
     init: Path = option(f"Transform to start from: {KNOWN_TRANSFORMS}.", metavar="FILE", required=True)
 
 

@@ -12,6 +12,7 @@ BENCHMARK = "run `python tests/benchmarks/{}.py` in the repository"
 REMOVED = {
     ("semcal", "evaluate"): "use `semcal compare CALIBRATION REFERENCE`",
     ("convert", "--into"): "`--to FORMAT` prints the block to paste, and `-o FILE` writes it",
+    ("verify", "--init-direction"): "it is called --direction, as in `semcal convert`",
     ("initialize", "--overlay"): "`semcal overlay DRIVE FILE -o DIR` shows the pose",
     (
         "calibrate",
@@ -26,6 +27,7 @@ REMOVED = {
         (f"experiment {name}", "--into"): BENCHMARK.format("kept_table")
         for name in ("pairs", "noise", "table")
     },
+    **{(f"experiment {name}", "--out"): "it is called --output" for name in ("pairs", "noise", "table")},
 }
 """What to use instead, by the command that had it and its name; that of a value follows its option."""
 

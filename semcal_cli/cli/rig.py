@@ -16,8 +16,8 @@ from semcal_cli.cli.jobs import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.start import choose_start
-from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
-from semcal_cli.errors import CalibrationError, InputError, NoStartError, SemcalError
+from semcal_cli.cli.tables import labelled, matrix_lines, verdict_line, wrapped
+from semcal_cli.errors import CalibrationError, InputError, NoStartError, SemcalError, counted
 from semcal_cli.events import Listener
 from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.input_files import is_folder
@@ -139,12 +139,12 @@ def _made(folder: Path) -> Iterator[None]:
     """Create the results folder, and remove it again if the work in it fails."""
     if folder.suffix.lower() in FORMATS and not is_folder(folder):
         raise InputError(
-            f"{folder}: found suffix {folder.suffix!r}, needed a folder: a rig has several results"
+            f"{folder}: found suffix {folder.suffix!r}, expected a folder: a rig has several results"
         )
     was_there = is_folder(folder)
     make_folder(folder)
     if not os.access(folder, os.W_OK):
-        raise InputError(f"{folder}: cannot be written to, needed a folder for a rig's results")
+        raise InputError(f"{folder}: cannot be written to, expected a folder for a rig's results")
     try:
         yield
     except SemcalError:
@@ -191,12 +191,13 @@ def _pair_lines(pair: CameraPair) -> list[str]:
 def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:
     """Print the verdict on a rig, with the cameras that caused it."""
     if calibration.status == "trusted":
-        terminal.print_verdict(labelled("rig", "trusted"), "trusted")
+        cameras = counted(len(calibration.cameras), "camera")
+        terminal.print_verdict(verdict_line("trusted", cameras), "trusted")
         return
     worst = calibration.failures or [
         name for name, camera in calibration.cameras.items() if camera.status == calibration.status
     ]
-    lines = wrapped("rig", f"{calibration.status.replace('_', ' ')}: {', '.join(worst)}")
     terminal.print_verdict(
-        "\n".join(lines), "not_trusted" if calibration.status == "failed" else calibration.status
+        verdict_line(calibration.status, ", ".join(worst)),
+        "not_trusted" if calibration.status == "failed" else calibration.status,
     )

@@ -17,6 +17,7 @@ from typing import Any, Generic, Literal, TypeVar, get_args, get_origin, get_typ
 
 import click
 
+from semcal_cli.cli.examples import examples_of
 from semcal_cli.cli.rules import DEFAULT_MAP, given_parameters
 from semcal_cli.config.setting import KEY, settings_of
 from semcal_cli.errors import ChoiceError, InputError, MisplacedError, first_of
@@ -30,12 +31,15 @@ KNOWN_TRANSFORMS = "a calibration, a drive with a reference, or any format that 
 LIMITS = ("minimum", "maximum", "above", "below")
 WORDS = "semcal.words of "
 """Key of what was typed after the name of a command."""
+MAX_RANGE = 20
+"""Largest number of characters of a range in the help."""
 MAX_COMMANDS = 8
 """Largest number of commands that an error lists."""
 OPTIONS_FILE = "options_file"
 """Name of the parameter for a file of options."""
-OPTIONS = "Options"
-"""Heading in the help for options without a section of their own."""
+OPTIONS, FIRST = "Options", "Most used options"
+"""Headings in the help: of options without a section of their own, and of those that stand first."""
+HELP_ALL = "--help-all"
 
 
 class _Finite(click.ParamType[float]):
@@ -102,11 +106,11 @@ class Names(click.ParamType[tuple[str, ...]]):
             choices = (*choices, *self.plugins.names)
         if "" in names or (choices and not set(names) <= set(choices)):
             needed = self.needed or f"one or more of {', '.join(choices)}"
-            self.fail(f"found {value!r}, needed {needed}.", param, ctx)
+            self.fail(f"found {value!r}, expected {needed}.", param, ctx)
         if len(set(names)) < len(names):
-            self.fail(f"found {value!r}, needed each name once.", param, ctx)
+            self.fail(f"found {value!r}, expected each name once.", param, ctx)
         if single := next((name for name in self.alone if name in names and len(names) > 1), None):
-            self.fail(f"found {value!r}, needed {single} alone.", param, ctx)
+            self.fail(f"found {value!r}, expected {single} alone.", param, ctx)
         return tuple(name for name in choices if name in names) or names
 
 
@@ -173,10 +177,21 @@ class SettingOption(click.Option):
     """An option with a section in the help."""
 
     section = OPTIONS
+    brief = ""
+    """Text of the short help of a command with many options; empty for that of the full help."""
+
+    def get_help_extra(self, ctx: click.Context) -> click.types.OptionHelpExtra:
+        """Leave out a range that only excludes numbers nobody types."""
+        extra = super().get_help_extra(ctx)
+        if len(extra.get("range", "")) > MAX_RANGE:
+            del extra["range"]
+        return extra
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """Append the names of plugins to the help."""
         record = super().get_help_record(ctx)
+        if record is not None and self.brief and not ctx.meta.get(HELP_ALL):
+            record = record[0], self.brief
         plugins = self.type.plugins if isinstance(self.type, Names) else None
         if record is None or plugins is None or not plugins.names:
             return record
@@ -219,6 +234,7 @@ def _argument(name: str, hint: Any, declared: Field[Any]) -> click.Argument:
 
 def _option(name: str, hint: Any, declared: Field[Any], section: str) -> SettingOption:
     about, kind = dict(declared.metadata[PARAMETER]), _plain(hint)
+    brief = about.pop("brief", "")
     names = about.pop("names") or (f"--{name.replace('_', '-')}",)
     usual: dict[str, Any] = {
         "type": _type_of(kind, {limit: about.pop(limit, None) for limit in LIMITS}),
@@ -230,7 +246,7 @@ def _option(name: str, hint: Any, declared: Field[Any], section: str) -> Setting
     elif declared.default is not None:
         usual["default"] = declared.default
     option = SettingOption([*names, name], **usual | about)
-    option.section = section
+    option.section, option.brief = section, brief
     return option
 
 
@@ -253,12 +269,30 @@ def _plain(hint: Any) -> Any:
     return get_args(hint)[0] if is_optional else hint
 
 
-class SettingsCommand(click.Command, Generic[Settings]):
-    """A command that receives its settings, once their rules are checked."""
+class ExampleCommand(click.Command):
+    """A command whose help has its examples before the options."""
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the text of the help, and the examples."""
+        super().format_help_text(ctx, formatter)
+        if examples := examples_of(ctx.command_path):
+            with formatter.section("Examples" if len(examples) > 1 else "Example"):
+                for example in examples:
+                    formatter.write(f"{'':{formatter.current_indent}}{example}\n")
+
+
+class SettingsCommand(ExampleCommand, Generic[Settings]):
+    """A command that receives its settings, once their rules are checked.
+
+    If its settings list the options that are `shown_first`, `--help` shows no others, and `--help-all` shows all.
+    """
 
     def __init__(self, *args: Any, settings: type[Settings], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        self.shown_first: tuple[str, ...] = getattr(settings, "shown_first", ())
         self.settings, self.params = settings, [*_parameters(settings), *self.params]
+        if self.shown_first:
+            self.params.append(_help_all_option())
         self.rules = [rule for owner in reversed(settings.__mro__) for rule in vars(owner).get("rules", ())]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -355,14 +389,38 @@ class SettingsCommand(click.Command, Generic[Settings]):
         return None
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options by section, those without one last."""
-        sections: dict[str, list[tuple[str, str]]] = {}
-        for parameter in self.get_params(ctx):
-            if isinstance(parameter, click.Option) and (record := parameter.get_help_record(ctx)) is not None:
-                sections.setdefault(getattr(parameter, "section", OPTIONS), []).append(record)
+        """Write the options by section: the most used ones first, and those without a section last."""
+        sections: dict[str, list[tuple[str, str]]] = {FIRST: []} if self.shown_first else {}
+        options = [parameter for parameter in self.get_params(ctx) if isinstance(parameter, click.Option)]
+        first = [option for name in self.shown_first for option in options if name in option.opts]
+        if self.shown_first and not ctx.meta.get(HELP_ALL):
+            options = [option for option in options if {HELP_ALL, "--help"} & {*option.opts}]
+        for option in [*first, *(option for option in options if option not in first)]:
+            if (record := option.get_help_record(ctx)) is not None:
+                section = FIRST if option in first else getattr(option, "section", OPTIONS)
+                sections.setdefault(section, []).append(record)
         for title in sorted(sections, key=OPTIONS.__eq__):
             with formatter.section(title):
                 formatter.write_dl(sections[title])
+
+
+def _help_all_option() -> click.Option:
+    """Make the option that shows the help of all options."""
+
+    def show(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
+        if is_asked and not ctx.resilient_parsing:
+            ctx.meta[HELP_ALL] = True
+            click.echo(ctx.get_help(), color=ctx.color)
+            ctx.exit()
+
+    return click.Option(
+        [HELP_ALL],
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=show,
+        help="Show all options, with those of the paper's method, and exit.",
+    )
 
 
 def typed_words(context: click.Context) -> list[str]:

@@ -68,7 +68,9 @@ def read_initial_pose(
     from semcal_cli.formats.format import FormatOptions
 
     if path == Path("-") or descriptor(path) == 0:
-        raise InputError(f"{path}: found standard input, needed a file: the result records its name and hash")
+        raise InputError(
+            f"{path}: found standard input, expected a file: the result records its name and hash"
+        )
     options = None if direction_option is None else FormatOptions(direction=direction)
     extrinsic = read_extrinsic(path, None, options, direction_option=direction_option)
     return InitialPose(
@@ -89,6 +91,7 @@ class StartSettings:
     init: Path | None = option(
         f"Start from this transform instead of searching all mounting directions: {KNOWN_TRANSFORMS}.",
         metavar="FILE",
+        brief="Start from this transform: a calibration, a drive with a reference, or a file of another tool.",
     )
     init_direction: Direction | None = option(
         "Direction of the matrix in the --init file, if the file does not state it: p_camera = T p_lidar, or p_lidar = "
@@ -133,6 +136,7 @@ class SearchSettings(StartSettings):
         type=FiniteNumber(),
         nargs=6,
         metavar="R P Y X Y Z",
+        brief="Start from a mounting measured by hand: degrees as in URDF, and metres, in the LiDAR frame.",
     )
     search_deg: float | None = setting_of(InitializationConfig, "search_deg")
     max_roll_deg: float = option(
@@ -198,6 +202,7 @@ class RefinementSettings(StartSettings):
         default=(),
         metavar="NAMES",
         show_default=False,
+        brief="Also estimate these intrinsics, such as fx,fy,cx,cy.",
     )
     intrinsics_sigma: tuple[float, float] | None = option(
         "How well the drive's intrinsics are known: standard deviations of the focal lengths, in percent, and of the "
@@ -211,6 +216,7 @@ class RefinementSettings(StartSettings):
         "Estimate the time offset (how much later images are than their stamps say) together with the pose. Needs "
         "`motion:` with poses or a twist, varying speeds, and turns.",
         default=False,
+        brief="Also estimate by how much images are late; needs `motion:`.",
     )
     fix: tuple[str, ...] | None = option(
         "Keep these axes of the start transform, such as `rz,tx`: tx ty tz are the camera's position along its axes, "
@@ -301,7 +307,7 @@ class RefinementSettings(StartSettings):
             min(sigmas) <= EXACT for sigmas in zip(*(prior.sigmas for prior in priors), strict=True)
         ):
             names = ", ".join(prior.name for prior in priors)
-            raise click.UsageError(f"{names}: found all six axes known exactly, needed one that is not")
+            raise click.UsageError(f"{names}: found all six axes known exactly, expected one that is not")
         return tuple(sorted(priors, key=lambda prior: min(prior.sigmas) <= EXACT))
 
 

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from semcal_cli.checks import precedence
-from semcal_cli.errors import counted, printable
+from semcal_cli.errors import counted, for_people, listed
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 from semcal_cli.result.refined_camera import clock_sentence, intrinsic_texts, kept_sentence
-from semcal_cli.result.uncertainty import stated_error
+from semcal_cli.result.uncertainty import figure, lengths, stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.estimation.search.mounting import Mounting
+    from semcal_cli.fleet.fleet_drives import FleetDrive
     from semcal_cli.geometry.poses import PoseError
     from semcal_cli.result.calibration_document import CalibrationDocument
     from semcal_cli.result.next_steps import Rows
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 COLUMNS = 80
 LABEL_WIDTH = 17
+MAX_GROUPS = 8
+"""Largest number of groups of drives that are listed."""
 WITHOUT_CHECKS = {
     "initial": "a rough start, not refined yet",
     "not_assessed": "its uncertainty is not known",
@@ -67,6 +70,29 @@ def pose_rows(T: Pose) -> Rows:
     ]
 
 
+def group_rows(groups: Sequence[Sequence[FleetDrive]]) -> Rows:
+    """Say that drives do not agree, and which do, as labels and texts; no pose belongs to all of them."""
+    num_drives = sum(map(len, groups))
+    rows: Rows = [
+        ("agreed pose", f"none: {num_drives:,} trusted drives fall into {len(groups):,} groups that differ")
+    ]
+    for number, group in enumerate(groups[:MAX_GROUPS], start=1):
+        assert group[0].T_camera_lidar is not None
+        rows += [
+            (
+                f"group {number}",
+                f"{counted(len(group), 'drive')}: {listed(sorted(drive.name for drive in group))}",
+            ),
+            *pose_rows(group[0].T_camera_lidar),
+        ]
+    if len(groups) > MAX_GROUPS:
+        rows.append(("", f"and {counted(len(groups) - MAX_GROUPS, 'group')} more"))
+    num_cameras = len({drive.camera for group in groups for drive in group})
+    if num_cameras > 1:
+        rows.append(("note", f"the drives have {num_cameras:,} different cameras, given or estimated"))
+    return rows
+
+
 def verdict_lines(calibration: CalibrationDocument, *, is_alone: bool = False) -> list[str]:
     """State the verdict, and how sure it is; alone, without the reasons above it.
 
@@ -77,8 +103,18 @@ def verdict_lines(calibration: CalibrationDocument, *, is_alone: bool = False) -
     case = "initial" if is_start else "paper" if "paper" in calibration.settings.options else status
     how_good = figures(calibration) or WITHOUT_CHECKS.get(case, "")
     see = ", see above" if status == "not_trusted" and not is_alone else ""
-    verdict = ": ".join(filter(None, [status.replace("_", " "), how_good + see]))
-    return wrapped("verdict", verdict)
+    return verdict_line(status, how_good + see).splitlines()
+
+
+def verdict_line(status: str, how_good: str) -> str:
+    """Write the line that every command with a verdict ends with: the verdict, then what decides it.
+
+    Args:
+        status: The verdict, or the status of a result.
+        how_good: The figures or reasons that decide it; may be empty.
+    """
+    verdict = ": ".join(filter(None, [status.replace("_", " "), how_good]))
+    return "\n".join(wrapped("verdict", verdict))
 
 
 def figures(calibration: CalibrationDocument) -> str:
@@ -110,14 +146,14 @@ def shown_reasons(reasons: Sequence[str], topics: Sequence[str], *, verbose: boo
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
     """Put a label before a text and wrap it at `COLUMNS`; words are never broken, and later lines are indented."""
-    lines = textwrap.wrap(printable(text), COLUMNS - indent, break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(for_people(text), COLUMNS - indent, break_long_words=False, break_on_hyphens=False)
     first, *rest = lines or [""]
     return [f"{label:<{indent}}{first}".rstrip(), *(f"{'':<{indent}}{line}" for line in rest)]
 
 
-def labelled(label: str, line: str) -> str:
+def labelled(label: str, line: str, indent: int = LABEL_WIDTH) -> str:
     """Put a label before a line that is never wrapped, such as a path."""
-    return f"{label:<{LABEL_WIDTH}}{printable(line)}"
+    return f"{label:<{indent}}{for_people(line)}"
 
 
 def _label_rows(calibration: CalibrationDocument) -> Rows:
@@ -138,18 +174,21 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
         return []
     center, rotation = uncertainty.half_width_95_camera_center_m, uncertainty.half_width_95_rotation_deg
     rows = [
-        ("95 % interval", f"camera centre x y z +- {row([1000.0 * x for x in center], 2)} mm"),
-        ("", f"rotation about them +- {row(rotation, 4)} deg"),
-        *(("weak", direction) for direction in uncertainty.weak_directions),
+        ("95 % interval", f"camera centre x y z +- {lengths(center)}"),
+        ("", f"rotation about x y z +- {' '.join(map(figure, rotation))} degrees"),
+        *(("least certain", direction) for direction in uncertainty.weak_directions),
     ]
     if uncertainty.label_bleed is not None:
-        moved_mm = 1000.0 * np.linalg.norm(uncertainty.label_bleed.camera_center_m)
-        rotation_deg = np.linalg.norm(uncertainty.label_bleed.rotation_deg)
-        rows.append(("labels 1 px off", f"moves it by {moved_mm:.1f} mm and {rotation_deg:.3f} deg"))
+        moved = lengths([float(np.linalg.norm(uncertainty.label_bleed.camera_center_m))])
+        rotation_deg = float(np.linalg.norm(uncertainty.label_bleed.rotation_deg))
+        sentence = f"borders 1 px off would move the camera by {moved} and {figure(rotation_deg)} degrees"
+        rows.append(("sensitivity", f"to labels: {sentence}"))
     if uncertainty.intrinsics_cost is not None:
         off_m, off_deg = uncertainty.intrinsics_cost.together
-        by = f"1 px (cx, cy), 0.1 % (fx, fy) move it by {1000.0 * off_m:.1f} mm and {off_deg:.3f} deg"
-        rows.append(("K a little off", by))
+        errors = "errors of 1 px in cx, cy and 0.1 % in fx, fy"
+        moved = f"{lengths([off_m])} and {figure(off_deg)} degrees"
+        label = "" if uncertainty.label_bleed is not None else "sensitivity"
+        rows.append((label, f"to K: {errors} would move the camera by {moved}"))
     return rows
 
 
@@ -176,10 +215,10 @@ def _repeatability_rows(repeatability: Repeatability | None) -> Rows:
         or repeatability.spread_rotation_deg is None
     ):
         return []
-    center = [1000.0 * x for x in repeatability.spread_camera_center_m]
+    center = repeatability.spread_camera_center_m
     return [
-        (f"{repeatability.num_seeds} seeds", f"camera centre x y z    {row(center, 2)} mm"),
-        ("", f"rotation about them    {row(repeatability.spread_rotation_deg, 4)} deg"),
+        (f"{repeatability.num_seeds} seeds", f"camera centre x y z {lengths(center)}"),
+        ("", f"rotation about x y z {' '.join(map(figure, repeatability.spread_rotation_deg))} degrees"),
         ("", "standard deviations"),
     ]
 
@@ -195,10 +234,10 @@ def _fold_rows(folds: CrossValidation | None) -> Rows:
     return [
         (
             name,
-            f"camera centre x y z    {row([1000.0 * x for x in folds.spread_camera_center_m], 2)} mm",
+            f"camera centre x y z {lengths(folds.spread_camera_center_m)}",
         ),
-        ("", f"rotation about them    {row(folds.spread_rotation_deg, 4)} deg"),
-        ("", f"against predicted      {row(folds.pulls or (), 2)}"),
+        ("", f"rotation about x y z {' '.join(map(figure, folds.spread_rotation_deg))} degrees"),
+        ("", f"against predicted {' '.join(map(figure, folds.pulls or ()))}"),
         ("", "standard deviations; 1 where the intervals are right"),
     ]
 

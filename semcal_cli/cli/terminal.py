@@ -13,7 +13,7 @@ from rich.progress import Progress as ProgressBar, SpinnerColumn, TextColumn, Ti
 from rich.text import Text
 
 from semcal_cli.cli.tables import labelled, wrapped
-from semcal_cli.errors import first_of, printable
+from semcal_cli.errors import first_of, for_people, printable
 from semcal_cli.events import Event, Progress, StageDone, movement
 from semcal_cli.many.batch.pace import Pace
 
@@ -75,7 +75,7 @@ class Terminal:
     def print(self, *lines: str) -> None:
         """Print lines as they are."""
         for line in lines:
-            self.console.print(line, markup=False)
+            self.console.print(for_people(line), markup=False)
 
     def print_changes(self, changes: Iterable[tuple[str, str]]) -> None:
         """Print how the camera and the clock of a result differ from those of a drive."""

@@ -42,7 +42,7 @@ class VerifySettings(LimitSettings, EstimateSettings):
 
     rules = [none_of("--cue features", because="feature vectors have no histogram")]
     calibration: Path = argument()
-    init_direction: Direction | None = option(DIRECTION.format("CALIBRATION"))
+    direction: Direction | None = option(DIRECTION.format("CALIBRATION"))
     max_delay_ms: float | None = option(
         "Largest allowed time offset of the camera, which is then estimated, too. Needs `motion:` with poses or a "
         "twist, varying speeds, and turns.",
@@ -68,7 +68,7 @@ class VerifySettings(LimitSettings, EstimateSettings):
         Raises:
             InputError: the file is not a transform.
         """
-        return read_initial_pose(self.calibration, self.init_direction, direction_option="--init-direction")
+        return read_initial_pose(self.calibration, self.direction, direction_option="--direction")
 
     @property
     def config(self) -> CalibrationConfig:
@@ -155,6 +155,7 @@ def _illustrate(
     terminal: Terminal,
 ) -> None:
     """Write the page and the images of a verification, if requested."""
+    from semcal_cli.cli.outputs import count_images
     from semcal_cli.events import Progress
     from semcal_cli.report.page import both_overlays, write_verification
 
@@ -164,12 +165,12 @@ def _illustrate(
         terminal.print_paths("report", [outputs.page])
     if outputs.images is not None:
         overlays = both_overlays(verification, data, initial_pose)
-        terminal.print_paths("image", overlays.write_all(outputs.images))
+        terminal.print(count_images([*overlays.write_all(outputs.images)], outputs.images))
 
 
 def _print(verification: Verification, *, verbose: bool) -> None:
     from semcal_cli.checks import precedence
-    from semcal_cli.cli.tables import shown_reasons, wrapped
+    from semcal_cli.cli.tables import shown_reasons, verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.pipeline.verdict import overall_offsets
 
@@ -186,13 +187,17 @@ def _print(verification: Verification, *, verbose: bool) -> None:
         else overall_offsets(verification.checks)[0]
     )
     console = make_console(stderr=False)
-    console.print(f"{verification.verdict}: {decisive}", style=COLORS[verification.verdict], markup=False)
+    line = verdict_line(verification.verdict, decisive)
+    console.print(line, style=COLORS[verification.verdict], markup=False)
 
 
 def _check_line(check: AxisVerdict, word: str) -> str:
+    from semcal_cli.errors import for_people
+
     text, allowed = check.text, f"{check.allowed:g} {check.unit}"
     if text.offset:
-        found = f"{text.offset:>9} {f'+- {text.half_width}' if text.half_width else '':<9}{check.unit}"
+        half = f" +- {text.half_width}" if text.half_width else ""
+        found = f"{for_people(f'{text.offset:>9}{half}'):<18} {check.unit}"
     else:
         found = "not determined".rjust(19)
     return f"{check.name:<21}{found:<24}allowed {allowed:<10}{word}"

@@ -343,14 +343,10 @@ class RefinementConfig:
 class CalibrationConfig:
     """The settings of a calibration that a user chooses. The other classes keep their defaults."""
 
-    seed: int = setting(
-        0, "Seed of every random choice: the same seed gives the same bytes.", minimum=0, maximum=MAX_SEED
-    )
+    seed: int = setting(0, "Random seed. Equal seeds give identical output.", minimum=0, maximum=MAX_SEED)
     cues: tuple[CueName, ...] = AUTO
     """What points and pixels are compared by."""
-    max_frames: int = setting(
-        MAX_FRAMES, "Use at most N frames of a longer drive, those whose label images differ most.", minimum=1
-    )
+    max_frames: int = setting(MAX_FRAMES, "Use at most N frames, chosen for variety.", minimum=1)
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
     """Settings of the initial calibration."""
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
@@ -381,7 +377,7 @@ def check_config(config: CalibrationConfig) -> None:
         InputError: a setting has the wrong type or is out of range, or MINE is chosen and torch is not installed.
     """
     if not isinstance(config, CalibrationConfig):
-        raise InputError(f"config: found {config!r}, needed a CalibrationConfig")
+        raise InputError(f"config: found {config!r}, expected a CalibrationConfig")
     check_cues(config.cues)
     check_settings(config)
     if config.refinement.estimator == "mine":
@@ -391,4 +387,4 @@ def check_config(config: CalibrationConfig) -> None:
         # Intrinsics that are stated to be exact cannot be estimated.
         if (sigma := getattr(jointly, name)) is not None and sigma < SIGMA["minimum"]:
             needed = f"a number from {SIGMA['minimum']:g} to {SIGMA['maximum']}"
-            raise InputError(f"{name}: found {sigma!r}, needed {needed}")
+            raise InputError(f"{name}: found {sigma!r}, expected {needed}")

@@ -31,9 +31,9 @@ def check_cues(cues: tuple[CueName, ...]) -> None:
         InputError: they are not a tuple of known names, each given once, or auto is not alone.
     """
     if not isinstance(cues, tuple) or not cues or len({*map(str, cues)}) < len(cues):
-        raise InputError(f"cues: found {cues!r}, needed a tuple of different cues")
+        raise InputError(f"cues: found {cues!r}, expected a tuple of different cues")
     if "auto" in cues and len(cues) > 1:
-        raise InputError(f"cues: found {cues!r}, needed auto alone")
+        raise InputError(f"cues: found {cues!r}, expected auto alone")
     for cue in cues:
         if cue not in PLUGINS.own_names and cue not in PLUGINS.names:
-            raise InputError(f"cues: found {cue!r}, needed {one_of(str(cue), cue_names())}")
+            raise InputError(f"cues: found {cue!r}, expected {one_of(str(cue), cue_names())}")

@@ -141,6 +141,6 @@ def check_settings(config: Any) -> None:
         value = getattr(config, name)
         if not of_field.allows(value):
             description = type(value).__name__ if is_dataclass(value) else repr(value)
-            raise InputError(f"{name}: found {description}, needed {of_field.needed(value)}")
+            raise InputError(f"{name}: found {description}, expected {of_field.needed(value)}")
         if is_dataclass(value):
             check_settings(value)

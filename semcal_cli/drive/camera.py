@@ -272,7 +272,7 @@ def check_intrinsics(names: tuple[str, ...], camera: Camera, where: str) -> None
     for name in names:
         if name not in intrinsics:
             raise InputError(
-                f"{where}: found {name!r}, needed names of {camera.model}: {', '.join(intrinsics)}"
+                f"{where}: found {name!r}, expected names of {camera.model}: {', '.join(intrinsics)}"
             )
 
 

@@ -49,8 +49,8 @@ SUFFIXES = (".yaml", ".yml")
 RIG = "semcal_rig"
 """Version key of a rig."""
 RIG_FOUND = (
-    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, needed the drive of one of "
-    "its cameras"
+    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, expected the drive of one "
+    "of its cameras"
 )
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
 """Version keys of files with a transform, found in place of a drive if arguments are in the wrong order."""
@@ -257,7 +257,9 @@ class Drive(StrictModel):
             and drive.motion.poses is not None
             and drive.motion.poses not in held_arrays.by_name
         ):
-            raise InputError(f"{path}: motion.poses: found {drive.motion.poses!r}, needed 'poses', the array")
+            raise InputError(
+                f"{path}: motion.poses: found {drive.motion.poses!r}, expected 'poses', the array"
+            )
         drive._path, drive._arrays = path, held_arrays
         return drive
 
@@ -368,7 +370,7 @@ class Drive(StrictModel):
         """
         name: str | None = getattr(frame, key)
         if name is None:
-            raise InputError(f"{self.path}: {frame.key(key)}: found nothing, needed {needed}")
+            raise InputError(f"{self.path}: {frame.key(key)}: found nothing, expected {needed}")
         return name
 
     def file_of(self, frame: Frame, key: str, needed: str) -> Path:
@@ -406,7 +408,7 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     if RIG in document:
         raise InputError(f"{file}: {RIG_FOUND}")
     if CALIBRATIONS & document.keys():
-        raise MisplacedError(f"{file}: found a calibration, needed a drive")
+        raise MisplacedError(f"{file}: found a calibration, expected a drive")
     drive = validate(Drive, document, file)
     drive._path, drive._max_points = file, max_points
     drive._image_levels = ImageLevels([drive.resolve(frame.image) for frame in drive.frames if frame.image])

@@ -115,16 +115,18 @@ def document_of(arrays: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
     """
     argument_names = list(ArrayInput.__annotations__)
     for name in arrays.keys() - set(argument_names):
-        raise InputError(f"{name}: found an unknown argument, needed {one_of(name, argument_names)}")
+        raise InputError(f"{name}: found an unknown argument, expected {one_of(name, argument_names)}")
     if not isinstance(arrays.get("name", ""), str):
-        raise InputError(f"name: found {describe(arrays['name'])}, needed text")
+        raise InputError(f"name: found {describe(arrays['name'])}, expected text")
     camera, points = arrays.get("camera"), arrays.get("points")
     if not isinstance(camera, Camera):
-        raise InputError(f"camera: found {type(camera).__name__}, needed semcal.Camera")
+        raise InputError(f"camera: found {type(camera).__name__}, expected semcal.Camera")
     if points is None or (_is_list(points) and len(points) == 0):
-        raise InputError("points: found nothing, needed an array (N, 3) or (N, 4) for each frame")
+        raise InputError("points: found nothing, expected an array (N, 3) or (N, 4) for each frame")
     if not _is_list(points):
-        raise InputError(f"points: found {type(points).__name__}, needed a list with an array for each frame")
+        raise InputError(
+            f"points: found {type(points).__name__}, expected a list with an array for each frame"
+        )
     frames: list[dict[str, Any]] = [{} for _ in points]
     by_name = dict[str, Array]()
     for argument in (*LISTS, TIMES):
@@ -139,7 +141,7 @@ def document_of(arrays: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
             try:
                 frames[index][key] = float(stamp)
             except (TypeError, ValueError):
-                raise InputError(f"{argument}[{index}]: found {describe(stamp)}, needed seconds") from None
+                raise InputError(f"{argument}[{index}]: found {describe(stamp)}, expected seconds") from None
     document = {key: arrays[key] for key in DRIVE_KEYS if key in arrays}  # type: ignore[literal-required]
     if "poses" in arrays:
         check_array(POSES, arrays["poses"], [Form(("M", 8))])
@@ -157,7 +159,7 @@ def _listed(arrays: ArrayInput, argument: str, count: int) -> Iterator[tuple[int
         return
     if not _is_list(entries):
         raise InputError(
-            f"{argument}: found {type(entries).__name__}, needed a list with an entry for each frame"
+            f"{argument}: found {type(entries).__name__}, expected a list with an entry for each frame"
         )
     if len(entries) != count:
         raise InputError(

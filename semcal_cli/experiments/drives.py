@@ -85,5 +85,5 @@ class Pool:
             except OSError:
                 if not (path / DRIVE_FILE).exists():
                     raise InputError(
-                        f"{path}: found something other than a drive, needed a drive or nothing"
+                        f"{path}: found something other than a drive, expected a drive or nothing"
                     ) from None

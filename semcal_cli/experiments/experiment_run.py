@@ -212,7 +212,7 @@ class Journal(Generic[Result]):
                     results = [kind(**result) for result in line["results"]]
                     self.entries[line["case"]] = results, line.get("measured", UNKNOWN_MACHINE)
             except (ValueError, KeyError, TypeError):
-                needed = "needed a case of this experiment; delete the file to run all cases again"
+                needed = "expected a case of this experiment; delete the file to run all cases again"
                 raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
 
     def append(self, case: object, results: list[Result]) -> None:

@@ -97,7 +97,7 @@ def compare(
     """
     if frame >= len(data.drive.frames):
         num_frames = len(data.drive.frames)
-        raise InputError(f"{data.drive.path}: found {num_frames} frames, needed one numbered {frame}")
+        raise InputError(f"{data.drive.path}: found {num_frames} frames, expected one numbered {frame}")
     # The image is checked before the long computation.
     read_frame_image(data.drive, data.drive.frames[frame])
     progress(

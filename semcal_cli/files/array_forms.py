@@ -64,12 +64,12 @@ def check_array(name: str, array: object, forms: Sequence[Form]) -> None:
     """
     shapes = " or ".join(map(str, forms))
     if not isinstance(array, np.ndarray):
-        raise InputError(f"{name}: found {type(array).__name__}, needed an array of shape {shapes}")
+        raise InputError(f"{name}: found {type(array).__name__}, expected an array of shape {shapes}")
     form = next((form for form in forms if form.fits(array.shape)), None)
     if form is None:
         raise InputError(f"{name}: found shape {array.shape}, needed {shapes}")
     if not any(np.issubdtype(array.dtype, kind) for kind in form.kinds):
-        raise InputError(f"{name}: found {array.dtype}, needed {form.needed}")
+        raise InputError(f"{name}: found {array.dtype}, expected {form.needed}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def cloud_of(
     xyz = columns[:, :3]
     is_return = np.asarray(np.isfinite(xyz).all(axis=1) & xyz.any(axis=1))
     if not is_return.any():
-        raise InputError(f"{name}: found no points, needed coordinates that are finite and not all zero")
+        raise InputError(f"{name}: found no points, expected coordinates that are finite and not all zero")
     selection = slice(None) if is_return.all() else is_return
     point_labels = None if labels is None else labels_of(labels[0], labels[1][selection])
     return ArrayCloud(
@@ -149,7 +149,7 @@ def labels_of(name: str, labels: Array, num_sides: int = 1) -> Labels:
     if not np.can_cast(labels.dtype, np.uint16):
         for wrong in (labels.min(), labels.max()):
             if not 0 <= wrong <= MAX_ID:
-                raise InputError(f"{name}: found the id {wrong}, needed ids from 0 to {MAX_ID}")
+                raise InputError(f"{name}: found the id {wrong}, expected ids from 0 to {MAX_ID}")
     return np.ascontiguousarray(labels, np.uint16)
 
 

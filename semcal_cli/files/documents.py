@@ -43,7 +43,7 @@ def parse_document(text: str, path: Path) -> dict[Any, Any]:
     """
     document = parse_any(text, path)
     if not isinstance(document, dict):
-        raise InputError(f"{path}: found {describe(document)}, needed a mapping")
+        raise InputError(f"{path}: found {describe(document)}, expected a mapping")
     return document
 
 
@@ -55,10 +55,10 @@ def read_list(path: Path) -> list[dict[Any, Any]]:
     """
     document = parse_any(read_text(path), path)
     if not isinstance(document, list):
-        raise InputError(f"{path}: found {describe(document)}, needed a list of mappings")
+        raise InputError(f"{path}: found {describe(document)}, expected a list of mappings")
     for index, item in enumerate(document):
         if not isinstance(item, dict):
-            raise InputError(f"{path}: [{index}]: found {describe(item)}, needed a mapping")
+            raise InputError(f"{path}: [{index}]: found {describe(item)}, expected a mapping")
     return document
 
 
@@ -163,7 +163,7 @@ def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _refuse_constant(name: str) -> float:
-    raise ValueError(f"found {name}, needed a finite number")
+    raise ValueError(f"found {name}, expected a finite number")
 
 
 JSON = json.JSONDecoder(object_pairs_hook=_mapping, parse_constant=_refuse_constant)
@@ -231,4 +231,4 @@ def output_format(path: Path) -> DocumentFormat:
     try:
         return FORMATS[path.suffix.lower()]
     except KeyError:
-        raise InputError(f"{path}: found suffix {path.suffix!r}, needed {', '.join(FORMATS)}") from None
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected {', '.join(FORMATS)}") from None

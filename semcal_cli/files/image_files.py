@@ -227,7 +227,7 @@ def write_image(image: Image, path: Path) -> None:
     import cv2
 
     if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: found suffix {path.suffix!r}, needed .png")
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .png")
     _, content = cv2.imencode(".png", image)
     write_bytes(content.tobytes(), path)
 
@@ -241,7 +241,7 @@ def _check_pixels(path: Path, size: Size, needed: Size | None) -> None:
 
 
 def _damage_error(path: Path) -> InputError:
-    return InputError(f"{path}: found a damaged image, needed an intact one")
+    return InputError(f"{path}: found a damaged image, expected an intact one")
 
 
 def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
@@ -251,7 +251,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
     start = file.read(len(PNG))
     if not start.startswith((PNG, JPEG, BMP)):
         description = f"{counted(num_bytes, 'byte')} of an unknown format"
-        raise InputError(f"{path}: found {description}, needed a PNG, JPEG or BMP")
+        raise InputError(f"{path}: found {description}, expected a PNG, JPEG or BMP")
     file.seek(0)
     # An endless header would take memory and time.
     head = file if num_bytes <= MAX_HEADER_BYTES else BytesIO(file.read(MAX_HEADER_BYTES))

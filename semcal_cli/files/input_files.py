@@ -145,7 +145,7 @@ def _check_regular(path: Path, status: os.stat_result) -> None:
 
 
 def _no_file(path: Path, kind: str) -> InputError:
-    return InputError(f"{path}: found {kind}, needed a file")
+    return InputError(f"{path}: found {kind}, expected a file")
 
 
 FILE, FOLDER, LINK = "a file", "a folder", "a link"
@@ -176,7 +176,7 @@ def check_own_file(path: Path) -> None:
         InputError: the path holds something else.
     """
     if (kind := kind_of(path)) not in (FILE, None):
-        raise InputError(f"{path}: found {kind}, needed a file or nothing")
+        raise InputError(f"{path}: found {kind}, expected a file or nothing")
 
 
 def map_array(path: Path, max_bytes: int, needed_for: str = "") -> Array:
@@ -197,4 +197,4 @@ def map_array(path: Path, max_bytes: int, needed_for: str = "") -> Array:
             warnings.simplefilter("ignore")
             return open_memmap(path, mode="r")  # Python objects are refused.
     except Exception:  # The header is a Python literal, which can fail in many ways.
-        raise InputError(f"{path}: found no NumPy array, needed one") from None
+        raise InputError(f"{path}: found no NumPy array") from None

@@ -88,7 +88,7 @@ def _check_no_link(path: Path, needed: str = "a file or nothing") -> None:
         InputError: it holds a link.
     """
     if descriptor(path) is None and kind_of(path) == LINK:
-        raise InputError(f"{path}: found a link, needed {needed}")
+        raise InputError(f"{path}: found a link, expected {needed}")
 
 
 def _replace(target: Path, parts: Iterable[bytes], mode: int | None) -> None:
@@ -140,7 +140,7 @@ def _write_to_special(content: bytes, path: Path) -> None:
             if error.errno != errno.ENXIO or not path.is_fifo():
                 raise
             if monotonic() > deadline:
-                raise InputError(f"{path}: found a pipe that nothing reads, needed a reader") from None
+                raise InputError(f"{path}: found a pipe that nothing reads, expected a reader") from None
             sleep(RETRY_S)
     os.set_blocking(number, True)
     with os.fdopen(number, "wb") as file:
@@ -171,9 +171,11 @@ def check_descriptor(path: Path) -> None:
             raise OSError
         mode = fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE
     except OSError:
-        raise InputError(f"{path}: found a descriptor that is not open, needed one to write to") from None
+        raise InputError(f"{path}: found a descriptor that is not open, expected one to write to") from None
     if mode == os.O_RDONLY:
-        raise InputError(f"{path}: found a descriptor that is open only for reading, needed one to write to")
+        raise InputError(
+            f"{path}: found a descriptor that is open only for reading, expected one to write to"
+        )
 
 
 def takes_several(path: Path) -> bool:
@@ -197,7 +199,7 @@ def read_standard_input() -> bytes:
         InputError: it is not open, or is too large.
     """
     if sys.stdin is None:
-        raise InputError(f"{STANDARD_INPUT}: found a descriptor that is not open, needed one to read from")
+        raise InputError(f"{STANDARD_INPUT}: found a descriptor that is not open, expected one to read from")
     content = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
     check_size(STANDARD_INPUT, len(content), MAX_DOCUMENT_BYTES)
     return content
@@ -212,7 +214,7 @@ def check_replaceable(path: Path) -> None:
     _check_no_link(path)
     folder = Path(os.path.realpath(path.parent))
     if not os.access(folder, os.W_OK):
-        raise InputError(f"{path}: found no permission to write to its folder {folder}, needed it")
+        raise InputError(f"{path}: no permission to write to its folder {folder}")
 
 
 def make_folder(path: Path, root: Path | None = None) -> None:
@@ -290,7 +292,7 @@ def lock_file(file: Path, run: str) -> Iterator[int]:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InputError(
-                f"{file.parent}: found another {run} using this folder, needed a separate folder"
+                f"{file.parent}: found another {run} using this folder, expected a separate folder"
             ) from None
         yield stream.fileno()
 

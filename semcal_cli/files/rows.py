@@ -20,7 +20,7 @@ MAX_ROW = 1 << 20
 """Maximum length of a row, in characters."""
 PIECE = 1 << 20
 """Number of characters read at a time."""
-TOO_LONG = f"found a row of more than {MAX_ROW:,} characters, needed a shorter one"
+TOO_LONG = f"found a row of more than {MAX_ROW:,} characters, expected a shorter one"
 LONGEST_TOKEN = len("-Infinity")
 """Length of the longest word of JSON. A truncated word is an error at its beginning."""
 _BLANKS = re.compile(r"[ \t\n\r]*")
@@ -38,10 +38,10 @@ def read_rows(path: Path) -> Iterator[dict[Any, Any]]:
         try:
             for index, row in enumerate(text.items()):
                 if not isinstance(row, dict):
-                    raise InputError(f"{path}: [{index}]: found {describe(row)}, needed a mapping")
+                    raise InputError(f"{path}: [{index}]: found {describe(row)}, expected a mapping")
                 yield row
         except UnicodeDecodeError:
-            raise InputError(f"{path}: found bytes that are not UTF-8, needed text") from None
+            raise InputError(f"{path}: found bytes that are not UTF-8, expected text") from None
         except (ValueError, RecursionError) as error:
             raise InputError(f"{path}: {reason(error, text.num_lines)}") from None
 
@@ -62,7 +62,7 @@ class _Text:
             ValueError: the text is not a list, or is not well-formed.
         """
         if self._next() != "[":
-            raise ValueError(f"found {describe(self._value())}, needed a list of mappings")
+            raise ValueError(f"found {describe(self._value())}, expected a list of mappings")
         self._place += 1
         if self._next() != "]":
             yield self._value()

@@ -115,7 +115,9 @@ def _compose(next_event: Callable[[], Event]) -> Any:
                 return value
         elif key is _NO_KEY:
             if type(value) is int and abs(value) > MAX_WHOLE_KEY:
-                raise _error(f"found key {describe(value)}, needed text or at most {MAX_WHOLE_KEY:,}", event)
+                raise _error(
+                    f"found key {describe(value)}, expected text or at most {MAX_WHOLE_KEY:,}", event
+                )
             if value in inner:
                 raise _error(f"key {describe(value)} is given twice", event)
             key = value

@@ -18,7 +18,6 @@ def describe_rival_fit(behind: float, min_behind: float, digits: int) -> str:
         min_behind: Standard errors by which it would have to be worse.
         digits: Minimum number of digits after the decimal point.
     """
-    apart, needed = format_against_limit(abs(behind), min_behind, digits)
-    if behind < 0.0:
-        return f"better, by {apart} standard errors, but must be worse by at least {needed}"
-    return f"almost as well: only {apart} standard errors worse, needed at least {needed}"
+    apart, limit = format_against_limit(abs(behind), min_behind, digits)
+    fit = f"better, by {apart} standard errors" if behind < 0.0 else f"only {apart} standard errors worse"
+    return f"{fit}; a trusted pose must beat every other by {limit}"

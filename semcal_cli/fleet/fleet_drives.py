@@ -83,14 +83,14 @@ def read_fleet_drives(paths: Sequence[Path]) -> list[FleetDrive]:
         name = drive.name if names[drive.name] == 1 else str(result)
         drives.append(replace(drive, name=name))
         if (folder := os.path.realpath(result)) in folders and drive.T_camera_lidar is None:
-            raise InputError(f"{name}: found the same failed drive twice, needed each drive once")
+            raise InputError(f"{name}: found the same failed drive twice, expected each drive once")
         folders.add(folder)
         if drive.T_camera_lidar is not None and drive.covariance is not None:
             # Calibrations of two drives never agree to the last bit: one is a copy of the other, or listed twice.
             key = drive.T_camera_lidar.tobytes(), drive.covariance.tobytes()
             if key in owners:
                 raise InputError(
-                    f"{owners[key]}, {name}: found results that agree to the last bit, needed each drive once"
+                    f"{owners[key]}, {name}: found results that agree to the last bit, expected each drive once"
                 )
             owners[key] = name
     return drives
@@ -103,7 +103,7 @@ def _read_batch(folder: Path) -> list[tuple[Path, FleetDrive]]:
         where = Path(f"{path}: line {number}")
         if isinstance(document, dict) and document.get("status") in ("pass", "fail", "inconclusive"):
             raise InputError(
-                f"{where}: status: found {document['status']!r} from verify, needed calibrations: run semcal batch "
+                f"{where}: status: found {document['status']!r} from verify, expected calibrations: run semcal batch "
                 "without --command verify"
             )
         line = validate(_Line, document, where)
@@ -115,7 +115,7 @@ def _read_batch(folder: Path) -> list[tuple[Path, FleetDrive]]:
 def _drive_of_line(line: _Line, where: Path) -> FleetDrive:
     T = None if line.T_camera_lidar is None else np.array(line.T_camera_lidar)
     if T is None and line.status != "failed":
-        raise InputError(f"{where}: T_camera_lidar: found none, needed one where status is {line.status}")
+        raise InputError(f"{where}: T_camera_lidar: found none, expected one where status is {line.status}")
     left_out, topic = _why_left_out(line.status, line.reasons, line.topics, line.covariance)
     covariance = None if left_out else _check_covariance(line.covariance, f"{where}: covariance")
     covariance_of_intrinsics = _as_array(line.covariance_of_intrinsics)
@@ -180,7 +180,7 @@ def _check_covariance(entries: CovarianceEntries | None, where: str) -> npt.NDAr
     eigenvalue = float(np.linalg.eigvalsh(symmetric / scale)[0])
     if eigenvalue <= MIN_EIGENVALUE:
         raise InputError(
-            f"{where}: found a correlation matrix with an eigenvalue of {eigenvalue:.3g}, needed one above "
+            f"{where}: found a correlation matrix with an eigenvalue of {eigenvalue:.3g}, expected one above "
             f"{MIN_EIGENVALUE:g}"
         )
     return symmetric

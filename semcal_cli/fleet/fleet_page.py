@@ -52,7 +52,7 @@ def page_html(fleet: Fleet, inputs: str) -> str:
         intervals=intervals,
         known=intervals(half_widths),
         scatter=scatter,
-        is_scattered=scatter != intervals([0.0] * 6),  # after rounding
+        is_scattered=bool(fleet.scatter.round(4).any()),  # from 0.1 mm on
         timeline=timeline,
         plots=timeline_plots(timeline),
         kinds=KINDS,

@@ -12,8 +12,8 @@ import numpy as np
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import listed
-from semcal_cli.pipeline.verdict import OVERALL, AxisVerdict, Verdict, together
-from semcal_cli.result.uncertainty import CHECK_NAMES, widest
+from semcal_cli.pipeline.verdict import OVERALL, UNITS, AxisVerdict, Verdict, together
+from semcal_cli.result.uncertainty import CHECK_NAMES, figure, lengths, widest
 
 if TYPE_CHECKING:
     from semcal_cli.fleet.fleet_drives import FleetDrive
@@ -99,8 +99,8 @@ def conclude(
     if 0 < num_stamped < num_used:
         # With drives ordered by name, a change or a drift may look like scatter.
         reasons.append(
-            f"{num_used - num_stamped:,} of {num_used:,} drives have no stamp in seconds since 1970, needed one for "
-            "each: their order in time is unknown"
+            f"{num_used - num_stamped:,} of {num_used:,} drives have no absolute timestamp, so the order in time is "
+            "unknown"
         )
     if num_used < MIN_DRIVES:
         reasons.append(
@@ -117,9 +117,7 @@ def notes(drives: Sequence[FleetDrive], order: Order) -> tuple[str, ...]:
     """List notes for the reader that do not affect the verdict."""
     sentences = []
     if order == "name":
-        sentences.append(
-            "drives are ordered by name, because not all have their own stamp in seconds since 1970"
-        )
+        sentences.append("ordered by name: some drives have no absolute timestamps")
     num_cameras = len({drive.camera for drive in drives if drive.camera is not None})
     if num_cameras > 1:
         sentences.append(
@@ -157,15 +155,15 @@ def motions(offset: Offset) -> str:
 
 def _motion(axis: int, value: float, half_width: float) -> str:
     if axis < 3:
-        size, half = figures(1000.0 * abs(value), 1000.0 * half_width, 0)
-        return f"{size} mm {DIRECTIONS[axis][value < 0.0]} (+- {half})"
+        size, half = figures(100.0 * abs(value), 100.0 * half_width, 0)
+        return f"{size} cm {DIRECTIONS[axis][value < 0.0]} (+- {half})"
     size, half = figures(abs(value), half_width, 2)
     return f"{'-' if value < 0.0 else '+'}{size} degrees {ROTATIONS[axis - 3]} (+- {half})"
 
 
 def total(offset: Offset) -> str:
     """Write an offset as two figures."""
-    return f"{1000.0 * offset.distance_m:.1f} mm and {offset.angle_deg:.3f} degrees"
+    return f"{lengths([offset.distance_m])} and {figure(offset.angle_deg)} degrees"
 
 
 def change_lines(parts: Sequence[RigPart]) -> list[str]:
@@ -180,7 +178,7 @@ def change_lines(parts: Sequence[RigPart]) -> list[str]:
 
 
 class CheckWords(NamedTuple):
-    """A check as text, in millimetres or degrees."""
+    """A check as text, in centimetres or degrees."""
 
     subject: str
     """What was judged, in plain words."""
@@ -195,9 +193,8 @@ class CheckWords(NamedTuple):
 def check_words(check: AxisVerdict) -> CheckWords:
     """Put a check into words: of the combined pose or, without a subject, of a drive."""
     subject, _, quantity = check.name.rpartition(": ")
-    scale, unit, min_decimals = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "degrees", 3)
-    value, half_width = figures(scale * check.offset, scale * (check.half_width or 0.0), min_decimals)
-    allowed = f"{scale * check.allowed:g}"
+    value, half_width = figures(check.offset, check.half_width or 0.0, 2)
+    allowed, unit = f"{check.allowed:g}", UNITS[check.unit]
     return CheckWords(SUBJECTS.get(subject, subject), QUANTITIES[quantity], value, half_width, allowed, unit)
 
 
@@ -263,5 +260,5 @@ def sentences(fleet: Fleet) -> list[str]:
 
 def _displaced(offset: Offset) -> str:
     """Describe by how much a distant point is displaced."""
-    off_mm = 1000.0 * math.hypot(FAR_M * math.radians(offset.angle_deg), offset.distance_m)
-    return f"a point {FAR_M:g} m away is displaced by up to {off_mm:.0f} mm"
+    off_m = math.hypot(FAR_M * math.radians(offset.angle_deg), offset.distance_m)
+    return f"a point {FAR_M:g} m away is displaced by up to {lengths([off_m])}"

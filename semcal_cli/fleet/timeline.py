@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DriveKind: TypeAlias = Literal["agrees", "disagrees", "beyond"]
-UNITS = np.array([1000.0] * 3 + [1.0] * 3)
-"""Factors from metres and degrees to the drawn units, millimetres and degrees."""
-NAMES = tuple(f"{name}, {'mm' if i < 3 else 'degrees'}" for i, name in enumerate(AXIS_NAMES))
+UNITS = np.array([100.0] * 3 + [1.0] * 3)
+"""Factors from metres and degrees to the drawn units, centimetres and degrees."""
+NAMES = tuple(f"{name}, {'cm' if i < 3 else 'degrees'}" for i, name in enumerate(AXIS_NAMES))
 MAX_DRAWN = 1500
 """Largest number of agreeing drives that are drawn; all other drives are drawn."""
 STYLES: dict[DriveKind, tuple[str, str, str]] = {

@@ -63,7 +63,7 @@ def read_extrinsic(
         _check_options(format, options or FormatOptions())
         T_camera_lidar = format.read(source, options or FormatOptions())
     except RecursionError:
-        raise InputError(f"{path}: is nested too deeply, needed a transform") from None
+        raise InputError(f"{path}: is nested too deeply, expected a transform") from None
     except InputError as error:
         if options is not None and direction_option is None:
             raise
@@ -109,11 +109,9 @@ def _recognise(source: Source) -> Format:
         _check_form(source)
     names = ", ".join(format.name for format in candidates or all_formats() if format.has_transform)
     if candidates:
-        raise InputError(
-            f"{source.path}: found content of several formats, needed --from with one of: {names}"
-        )
+        raise InputError(f"{source.path}: found content of several formats; add --from with one of: {names}")
     raise _UnknownFormatError(
-        f"{source.path}: found {_content(source)}, needed a transform in a format of --from: {names}"
+        f"{source.path}: found {_content(source)}, expected a transform in a format of --from: {names}"
     )
 
 
@@ -189,7 +187,7 @@ def convert(
     if source.name == bases.TABLE:
         read_files.append(source.with_name(bases.SENSORS))
     if path is not None and any(is_same_file(path, file) for file in read_files):
-        raise InputError(f"{path}: found the input file, needed another name")
+        raise InputError(f"{path}: found the input file; choose another name")
     written = write_options or FormatOptions()
     if find_format(to).has_transform:
         extrinsic = read_extrinsic(source, from_format, read_options)
@@ -202,7 +200,7 @@ def convert(
         extrinsic, record = Extrinsic(np.eye(4), content), None
         if extrinsic.camera is None or from_format not in (None, semcal.FORMAT.name):
             raise InputError(
-                f"{source}: found no camera, needed a semcal calibration or a drive: --to {to} writes intrinsics"
+                f"{source}: found no camera, expected a semcal calibration or a drive: --to {to} writes intrinsics"
             )
     text = write_transform(extrinsic.T_camera_lidar, path, to, replace(written, intrinsics=extrinsic.camera))
     if record is not None and record.status == "not_trusted":
@@ -215,13 +213,15 @@ def _check_options(format: Format, options: FormatOptions) -> None:
     values, prefix = vars(options), options.prefix
     for name in ("camera", "lidar"):
         if values[name] == "":
-            raise InputError(f"{prefix}{name}: found nothing, needed a name")
+            raise InputError(f"{prefix}{name}: found nothing, expected a name")
     if options.camera is not None and options.camera == options.lidar:
         raise InputError(
-            f"{prefix}camera, {prefix}lidar: found {options.camera!r} for both, needed two names"
+            f"{prefix}camera, {prefix}lidar: found {options.camera!r} for both, expected two names"
         )
     for name in ("direction", "frame", "camera", "lidar"):
-        if values[name] is not None and name not in format.asks:
+        is_known = format is semcal.FORMAT and values[name] == "lidar-to-camera"  # what the file says, too
+        if values[name] is not None and name not in format.asks and not is_known:
             raise InputError(
-                f"{prefix}{name}: found {values[name]!r}, needed nothing: {format.name} files do not use it"
+                f"{prefix}{name}: found {values[name]!r}, but {format.name} files state it themselves or have none; "
+                "leave it out"
             )

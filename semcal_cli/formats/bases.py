@@ -39,7 +39,7 @@ def _find_in_kit(document: Node, options: FormatOptions) -> SensorPair:
     """
     kits = _kits(document)
     if len(kits) != 1:
-        needed = "needed one: a base frame with sensors of x y z roll pitch yaw"
+        needed = "expected one: a base frame with sensors of x y z roll pitch yaw"
         raise InputError(f"{document.where}: found {len(kits)} kits, {needed}")
     camera, lidar = camera_and_lidar(document.where, "sensors", kits[0].mapping, options)
     is_body = options.frame is None and camera.endswith("camera_link")
@@ -82,9 +82,7 @@ def _record(table: Node, channels: dict[Any, Any], name: str | None, option: str
         problem = f"no {name!r}" if name and not indices else f"{len(indices) or len(names)} sensors"
         # The channels are in another file, and standard input has none next to it.
         key = "token" if Path(table.file) == STANDARD_INPUT else "token or channel"
-        raise InputError(
-            f"{table.where}: found {problem}, needed {option} with the {key} of one of: {choices}"
-        )
+        raise InputError(f"{table.where}: found {problem}; add {option} with the {key} of one of: {choices}")
     return table.child(indices[0], table.value[indices[0]])
 
 
@@ -97,7 +95,9 @@ def _find_in_table(table: Node, options: FormatOptions) -> SensorPair:
     sensors = {str(sensor.value.get("sensor_token")) for sensor in (camera, lidar)}
     if camera.value is lidar.value or (len(sensors) == 1 and sensors <= channels.keys()):
         names = f"{options.camera!r} and {options.lidar!r}"
-        raise InputError(f"{table.where}: found one sensor as camera and LiDAR, {names}, needed two sensors")
+        raise InputError(
+            f"{table.where}: found one sensor as camera and LiDAR, {names}, expected two sensors"
+        )
     return SensorPair(camera, lidar)
 
 

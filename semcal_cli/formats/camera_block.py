@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS
-from semcal_cli.errors import InputError, counted, describe
+from semcal_cli.errors import InputError, contrast, counted, describe
 from semcal_cli.files.input_files import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
 from semcal_cli.formats.format import CameraBlock, Source
@@ -63,14 +63,14 @@ def _read(source: Source, camera: str | None, model: str | None) -> CameraBlock:
         if format.read_lens is not None and (block := format.read_lens(source, camera, model)) is not None:
             return block
     keys = ", ".join(describe(key) for key in list(source.node.mapping)[:5]) or "none"
-    raise InputError(f"{source.path}: found top-level keys {keys}, needed {KNOWN_FORMATS}")
+    raise InputError(f"{source.path}: found top-level keys {keys}, expected {KNOWN_FORMATS}")
 
 
 def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:
     """Replace the camera model and keep K and the coefficients."""
     lenses = {str(name): lens for name, lens in CAMERA_MODELS.items()}
     if model not in lenses:
-        raise InputError(f"--model: found {model!r}, needed one of: {', '.join(lenses)}")
+        raise InputError(f"--model: found {model!r}, expected one of: {', '.join(lenses)}")
     if block["model"] != model and (lenses[block["model"]].parameters or lenses[model].parameters):
         raise InputError(f"{path}: found model {block['model']!r}, which --model {model} cannot replace")
     distortion, counts = block.get("distortion", []), lenses[model].counts
@@ -78,5 +78,5 @@ def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]
         is_list = isinstance(distortion, list)
         description = counted(len(distortion), "coefficient") if is_list else describe(distortion)
         needed = " or ".join(map(str, counts))
-        raise InputError(f"{path}: found {description}, needed {needed} for --model {model}")
+        raise InputError(f"{path}: {contrast(description, needed)} for --model {model}")
     return block | {"model": model}

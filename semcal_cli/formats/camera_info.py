@@ -98,7 +98,7 @@ def _of_part(document: Node, block: dict[str, Any]) -> dict[str, Any]:
         length = whole(roi, side) or full
         if offset + length > full:
             found = f"{start} {offset} and {side} {length}"
-            raise InputError(f"{roi.where}: found {found}, needed a region within the {side} {full}")
+            raise InputError(f"{roi.where}: found {found}, expected a region within the {side} {full}")
         if length < binning:
             raise document.child(step, binning).mismatch(f"at most {length}, the {side}")
         part[side] = length // binning
@@ -122,14 +122,14 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
 
 def _read(source: Source, options: FormatOptions) -> Pose:
     raise InputError(
-        f"{source.path}: found {NAME} intrinsics and no transform, needed a file with a transform"
+        f"{source.path}: found {NAME} intrinsics and no transform, expected a file with a transform"
     )
 
 
 def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
     camera = options.intrinsics
     if camera is None:
-        raise InputError(f"--to {NAME}: found no camera, needed IN to be a semcal calibration or a drive")
+        raise InputError(f"--to {NAME}: found no camera, expected IN to be a semcal calibration or a drive")
     check_lens(f"--to {NAME}", camera, LENS_NAMES)
     numbers = numbers_of(camera)
     return {

@@ -106,8 +106,8 @@ def base_format(
         return inverse(T_base_optical) @ notation.read(pair.lidar, options)
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-        needed = "needed another format: the transform between two sensors does not determine these poses"
-        raise InputError(f"--to {name}: poses are relative to the {base}, {needed}")
+        needed = "choose another format: the transform between two sensors does not determine these poses"
+        raise InputError(f"--to {name}: poses are relative to the {base}; {needed}")
 
     return Format(name, equation, recognises, read, make, asks)
 
@@ -156,7 +156,7 @@ def camera_format(
         camera = options.camera or (names[0] if len(names) == 1 else None)
         if camera not in names:
             raise InputError(
-                f"{document.where}: found {key} of {listed(names)}, needed --camera to name one of them"
+                f"{document.where}: found {key} of {listed(names)}; add --camera to name one of them"
             )
         return document.at(camera)
 
@@ -191,7 +191,7 @@ def _find_block(document: Node, options: FormatOptions) -> Node:
         return under("extrin_calib")(document, options)
     blocks = _blocks(document)
     if len(blocks) != 1:
-        raise InputError(f"{document.where}: found {len(blocks)} blocks with Rcl and Pcl, needed one")
+        raise InputError(f"{document.where}: found {len(blocks)} blocks with Rcl and Pcl, expected one")
     return blocks[0]
 
 
@@ -234,8 +234,8 @@ def _find_rig_camera(document: Node, options: FormatOptions) -> Node:
     matches = [camera for camera in cameras if options.camera in (None, camera.value.get(NAME))]
     if len(matches) != 1:
         names = listed(camera.value.get(NAME) for camera in cameras)
-        needed = f"needed --camera with the {NAME} of one of them"
-        raise InputError(f"{document.where}: found cameras {names}, {needed}")
+        needed = f"add --camera with the {NAME} of one of them"
+        raise InputError(f"{document.where}: found cameras {names}; {needed}")
     return matches[0]
 
 

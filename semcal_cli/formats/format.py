@@ -52,10 +52,12 @@ class FormatOptions:
         """
         for name, words in (("direction", get_args(Direction)), ("frame", get_args(CameraFrame))):
             if getattr(self, name) not in (None, *words):
-                raise InputError(f"{name}: found {getattr(self, name)!r}, needed one of: {', '.join(words)}")
+                raise InputError(
+                    f"{name}: found {getattr(self, name)!r}, expected one of: {', '.join(words)}"
+                )
         for name in ("camera", "lidar"):
             if not isinstance(getattr(self, name), str | None):
-                raise InputError(f"{name}: found {getattr(self, name)!r}, needed a name")
+                raise InputError(f"{name}: found {getattr(self, name)!r}, expected a name")
 
     @property
     def prefix(self) -> str:
@@ -103,7 +105,7 @@ class Source:
         try:
             return self.content.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            raise InputError(f"{self.path}: byte {error.start} is not UTF-8, needed text") from None
+            raise InputError(f"{self.path}: byte {error.start} is not UTF-8, expected text") from None
 
     @cached_property
     def document(self) -> Any:
@@ -157,7 +159,9 @@ class Source:
             InputError: the content is not well-formed, or declares entities or a document type.
         """
         if declaration := DECLARATION.search(self.text):
-            raise InputError(f"{self.path}: found <!{declaration.group(1)}, needed XML without declarations")
+            raise InputError(
+                f"{self.path}: found <!{declaration.group(1)}, expected XML without declarations"
+            )
         try:
             return ET.fromstring(self.text.lstrip())
         except ET.ParseError as error:
@@ -217,7 +221,7 @@ class Format:
             InputError: an option is missing, or files of the format are only read.
         """
         if self.make is None:
-            raise InputError(f"found format {self.name}, which is only read, needed one that is written")
+            raise InputError(f"found format {self.name}, which is only read, expected one that is written")
         content = self.make(T_camera_lidar, replace(options, is_written=True))
         if isinstance(content, bytes):
             return content

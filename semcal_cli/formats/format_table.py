@@ -81,7 +81,7 @@ def find_format(name: str) -> Format:
     if (plugin := PLUGINS.get(name, Format)) is not None:
         return _guard(name, plugin)
     names = [*(format.name for format in FORMATS), *PLUGINS.names]
-    raise InputError(f"found format {name!r}, needed {one_of(name, names)}")
+    raise InputError(f"found format {name!r}, expected {one_of(name, names)}")
 
 
 def _guard(name: str, format: Format) -> Format:
@@ -109,7 +109,7 @@ def _check_returned(
     def call(*arguments: Arguments.args, **keywords: Arguments.kwargs) -> Returned:
         if not isinstance(result := function(*arguments, **keywords), kind):
             needed = getattr(kind, "__name__", kind)
-            raise TypeError(f"{field}: found {describe(result)}, needed {needed}")
+            raise TypeError(f"{field}: found {describe(result)}, expected {needed}")
         return result
 
     return call

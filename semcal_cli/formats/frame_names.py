@@ -51,7 +51,7 @@ def camera_and_lidar(
         InputError: the file does not have a name that the user gives, or its names are ambiguous.
     """
     if len(set(names)) < 2:
-        raise InputError(f"{where}: found {kind} {listed(names)}, needed two {kind}")
+        raise InputError(f"{where}: found {kind} {listed(names)}, expected two {kind}")
     cameras = [name for name in names if has_word(name, CAMERA_WORDS) and name != options.lidar]
     optical = [name for name in cameras if has_word(name, OPTICAL_WORDS)]
     if prefers_optical and len(optical) == 1:
@@ -65,7 +65,7 @@ def camera_and_lidar(
         if name is None and len(candidates) == 1 and not has_word(candidates[0], other_words):
             name = candidates[0]
         if name is None or name not in names:
-            raise InputError(f"{where}: found {kind} {listed(names)}, needed --{side} to name {needed}")
+            raise InputError(f"{where}: found {kind} {listed(names)}; add --{side} to name {needed}")
         pair.append(name)
     camera, lidar = pair
     return camera, lidar
@@ -78,8 +78,11 @@ def apply_direction(where: str, T: Pose, options: FormatOptions) -> Pose:
         InputError: the user does not state the direction either.
     """
     if options.direction is None:
-        needed = f"needed {options.prefix}direction lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
-        raise InputError(f"{where}: found a transform without a stated direction, {needed}")
+        found = "found a transform without a stated direction"
+        if options.is_written:  # whatever the file that is read states
+            found = "this format may hold either direction"
+        directions = "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
+        raise InputError(f"{where}: {found}; add {options.prefix}direction {directions}")
     return T if options.direction == "lidar-to-camera" else inverse(T)
 
 
@@ -102,8 +105,8 @@ def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
     """
     frame = options.frame or ("optical" if has_word(camera, OPTICAL_WORDS) else None)
     if frame is None:
-        needed = "needed --frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
-        raise InputError(f"{where}: found the camera frame {camera!r}, {needed}")
+        needed = "add --frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        raise InputError(f"{where}: found the camera frame {camera!r}; {needed}")
     return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
 
 
@@ -111,10 +114,10 @@ def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str
     """Compute T_lidar_frame (4, 4) of the camera frame to write, and name the LiDAR frame and the camera frame."""
     for name in filter(None, (options.lidar, options.camera)):
         if not name.isprintable():
-            raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a printable name")
+            raise InputError(f"--to-camera, --to-lidar: found {name!r}, expected a printable name")
     is_body = options.frame == "body"
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
     lidar, camera = options.lidar or LIDAR, options.camera or (CAMERA_BODY if is_body else CAMERA)
     if camera == lidar:
-        raise InputError(f"--to-camera, --to-lidar: found {camera!r} for both, needed two names")
+        raise InputError(f"--to-camera, --to-lidar: found {camera!r} for both, expected two names")
     return T, lidar, camera

@@ -80,7 +80,7 @@ def offset_from_camera0(projection: Node) -> Pose:
         with np.errstate(all="ignore"):
             return rigid(projection.where, transform(np.eye(3), np.linalg.solve(P[:, :3], P[:, 3])))
     except np.linalg.LinAlgError:
-        raise InputError(f"{projection.where}: found a singular K, needed an invertible one") from None
+        raise InputError(f"{projection.where}: found a singular K, expected an invertible one") from None
 
 
 def camera0_pose(lines: Node, key: str, options: FormatOptions | None = None) -> Pose:
@@ -132,7 +132,7 @@ def _read_raw(source: Source, options: FormatOptions) -> Pose:
         _check_camera(options.camera, RAW_CAMERAS)
         if descriptor(source.path) is not None:
             raise InputError(
-                f"{source.path}: found a stream, needed a file with {RAW_CAMERAS_FILE} next to it for --camera"
+                f"{source.path}: found a stream, expected a file with {RAW_CAMERAS_FILE} next to it for --camera"
             )
         cameras = read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
     return raw_pose(parse_keyed(source.path, source.text), cameras, options.camera, options)
@@ -145,12 +145,12 @@ def _make_raw(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 
 def _check_camera(camera: str, cameras: tuple[str, ...]) -> None:
     if camera not in cameras:
-        raise InputError(f"--camera: found {camera!r}, needed one of: {', '.join(cameras)}")
+        raise InputError(f"--camera: found {camera!r}, expected one of: {', '.join(cameras)}")
 
 
 def _check_no_camera(options: FormatOptions) -> None:
     if options.camera is not None:
-        needed = "needed no name: a new file has only camera 0"
+        needed = "expected no name: a new file has only camera 0"
         raise InputError(f"--to-camera: found {options.camera!r}, {needed}")
 
 

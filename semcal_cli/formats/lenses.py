@@ -62,7 +62,7 @@ def refuse_camera(where: object, camera: str | None) -> None:
         InputError: a name is given.
     """
     if camera is not None:
-        raise InputError(f"{where}: found one camera without a name, needed no --camera ({camera!r})")
+        raise InputError(f"{where}: found one camera without a name, expected no --camera ({camera!r})")
 
 
 class UnnamedLensError(InputError):
@@ -100,4 +100,6 @@ def check_lens(where: str, camera: Camera, models: Mapping[CameraModel, object])
         UnnamedLensError: it has none.
     """
     if camera.model not in models:
-        raise UnnamedLensError(f"{where}: found the lens {camera.model}, needed one of: {', '.join(models)}")
+        raise UnnamedLensError(
+            f"{where}: found the lens {camera.model}, expected one of: {', '.join(models)}"
+        )

@@ -53,18 +53,18 @@ def directed_format(
 
 def _read_array(source: Source, options: FormatOptions) -> Pose:
     if not source.content.startswith(NPY):
-        raise InputError(f"{source.path}: found no NumPy array, needed one")
+        raise InputError(f"{source.path}: found no NumPy array")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             array = np.load(io.BytesIO(source.content), allow_pickle=False)
     except Exception:  # NumPy parses the header as Python, which can fail in many ways.
-        raise InputError(f"{source.path}: found a damaged NumPy array, needed an intact one") from None
+        raise InputError(f"{source.path}: found a damaged NumPy array, expected an intact one") from None
     if not isinstance(array, np.ndarray) or array.shape not in SHAPES or array.dtype.kind not in "fiu":
         description = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "several arrays"
-        raise InputError(f"{source.path}: found {description}, needed numbers of shape (4, 4) or (3, 4)")
+        raise InputError(f"{source.path}: found {description}, expected numbers of shape (4, 4) or (3, 4)")
     if not np.isfinite(array).all():
-        raise InputError(f"{source.path}: found a number that is not finite, needed a transform")
+        raise InputError(f"{source.path}: found a number that is not finite, expected a transform")
     return from_rows(str(source.path), array.astype(np.float64), options)
 
 
@@ -103,7 +103,7 @@ def _read_tum(source: Source, options: FormatOptions) -> Pose:
     lines = _lines(source)
     if len(lines) != 1:
         raise InputError(
-            f"{source.path}: found {counted(len(lines), 'line')}, needed one: stamp x y z qx qy qz qw"
+            f"{source.path}: found {counted(len(lines), 'line')}, expected one: stamp x y z qx qy qz qw"
         )
     _, *values = parse_numbers(source.path, "line 1", lines[0], 8).tolist()
     return pose_of(str(source.path), dict(zip(TUM_NUMBERS, values, strict=True)), options)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import ChoiceError, InputError, counted, describe, listed, one_of
+from semcal_cli.errors import ChoiceError, InputError, contrast, counted, describe, listed, one_of
 from semcal_cli.files.validation import key_part, validate
 from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 from semcal_cli.geometry.poses import check_rigid, nearest_rigid
@@ -57,7 +57,7 @@ class Node:
 
     def mismatch(self, needed: str) -> InputError:
         """Make the error of a wrong value."""
-        return InputError(f"{self.where}: found {describe(self.value)}, needed {needed}")
+        return InputError(f"{self.where}: {contrast(describe(self.value), needed)}")
 
     def child(self, key: Any, value: Any) -> Node:
         """Make the node of a value under this one."""
@@ -77,7 +77,7 @@ class Node:
             if name in self.mapping:
                 return self.child(name, self.mapping[name])
         raise InputError(
-            f"{self.where}: found keys {listed(self.mapping)}, needed one of: {', '.join(names)}"
+            f"{self.where}: found keys {listed(self.mapping)}, expected one of: {', '.join(names)}"
         )
 
     def text(self) -> str:
@@ -115,13 +115,13 @@ class Node:
 def number(where: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
     """Check that a value is a finite number from `low` to `high`; `where` names its file and key."""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{where}: found {describe(value)}, needed a number")
+        raise InputError(f"{where}: found {describe(value)}, expected a number")
     try:
         result = float(value)
     except OverflowError:
         result = math.inf
     if not math.isfinite(result):
-        raise InputError(f"{where}: found {describe(value)}, needed a finite number")
+        raise InputError(f"{where}: found {describe(value)}, expected a finite number")
     if not low <= result <= high:
         raise InputError(f"{where}: found {describe(value)}, needed at least {low:g} and at most {high:g}")
     return result
@@ -131,7 +131,7 @@ def image_side(where: str, value: object) -> int:
     """Check the number of pixels along a side of an image; it is never rounded."""
     pixels = number(where, value)
     if not pixels.is_integer() or not 1 <= pixels <= MAX_SIDE:
-        raise InputError(f"{where}: found {describe(value)}, needed a whole number from 1 to {MAX_SIDE}")
+        raise InputError(f"{where}: found {describe(value)}, expected a whole number from 1 to {MAX_SIDE}")
     return int(pixels)
 
 
@@ -184,7 +184,7 @@ def pick(
         return names[0]
     needed = one_of(choice or "", names)
     if name is not None:
-        raise InputError(f"{where}: {kind}: found {name!r}, needed {needed}")
+        raise InputError(f"{where}: {kind}: found {name!r}, expected {needed}")
     without_default = f", and no {default}" if default else ""
     raise ChoiceError(
         f"{where}: found {counted(len(names), kind)}{without_default}",
@@ -216,9 +216,9 @@ def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
     needed = "a finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} numbers, all finite"
     for word in words:
         if _finite(word) is None:
-            raise InputError(f"{path}: {key}: found {word[:40]!r}, needed {needed}")
+            raise InputError(f"{path}: {key}: {contrast(repr(word[:40]), needed)}")
     if len(words) not in counts:
-        raise InputError(f"{path}: {key}: found {counted(len(words), 'number')}, needed {needed}")
+        raise InputError(f"{path}: {key}: {contrast(counted(len(words), 'number'), needed)}")
     return np.array([float(word) for word in words])
 
 
@@ -226,7 +226,7 @@ def parse_number(where: str, text: str) -> float:
     """Parse a finite number."""
     value = _finite(text)
     if value is None:
-        raise InputError(f"{where}: found {text[:40]!r}, needed a finite number")
+        raise InputError(f"{where}: found {text[:40]!r}, expected a finite number")
     return value
 
 

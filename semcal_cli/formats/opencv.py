@@ -82,7 +82,7 @@ def _parse_xml(source: Source) -> dict[Any, Any]:
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
     if root.tag != STORAGE or not isinstance(document, dict):
-        raise InputError(f"{path}: found XML of {describe(root.tag)}, needed '{STORAGE}' with keys in it")
+        raise InputError(f"{path}: found XML of {describe(root.tag)}, expected '{STORAGE}' with keys in it")
     return document
 
 
@@ -121,17 +121,15 @@ def _find_matrix(storage: Node, name: str | None) -> Node:
     matrices = {key: storage.at(key) for key, value in storage.mapping.items() if _has_shape(value)}
     if name is not None:
         if name not in matrices:
-            raise InputError(
-                f"{storage.where}: found matrices {listed(matrices)}, needed --camera to name one"
-            )
+            raise InputError(f"{storage.where}: found matrices {listed(matrices)}; add --camera to name one")
         return matrices[name]
     if not matrices:
-        needed = f"needed a 4 x 4 or 3 x 4 matrix, such as {KEY}"
+        needed = f"expected a 4 x 4 or 3 x 4 matrix, such as {KEY}"
         raise InputError(f"{storage.where}: found keys {listed(storage.mapping)}, {needed}")
     # Beside a transform may be projections, P.
     transforms = [node for node in matrices.values() if len(matrices) == 1 or _is_rotated(node)]
     if len(transforms) != 1:
-        raise InputError(f"{storage.where}: found matrices {listed(matrices)}, needed --camera to name one")
+        raise InputError(f"{storage.where}: found matrices {listed(matrices)}; add --camera to name one")
     return transforms[0]
 
 
@@ -192,10 +190,12 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
                 return "fisheye"
         elif count == 4:
             problem = "found 4 coefficients and no fisheye_model"
-            raise InputError(f"{storage.where}: {problem}, needed --model, such as plumb_bob or fisheye")
+            raise InputError(f"{storage.where}: {problem}; add --model, such as plumb_bob or fisheye")
         if count not in MODELS:
             counts = ", ".join(map(str, MODELS))
-            raise InputError(f"{distortion.where}: found {counted(count, 'number')}, needed one of: {counts}")
+            raise InputError(
+                f"{distortion.where}: found {counted(count, 'number')}, expected one of: {counts}"
+            )
         return MODELS[count]
 
     if not is_storage(source.start):

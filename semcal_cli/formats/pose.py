@@ -198,6 +198,6 @@ def check_transform(
     try:
         return rigid(where, T, farthest_m)
     except InputError as error:
-        if options is None or "needed a rotation" not in str(error):
+        if options is None or "expected a rotation" not in str(error):
             raise
         raise InputError(f"{error}; --repair uses the nearest rotation") from None

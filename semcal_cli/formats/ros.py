@@ -45,7 +45,7 @@ def _read_launch(source: Source, options: FormatOptions) -> Pose:
 def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> Pose:
     """Read the transform of the only publisher, or of the only one between the requested frames."""
     if not publishers:
-        raise InputError(f"{where}: found no {PUBLISHER}, needed one")
+        raise InputError(f"{where}: found no {PUBLISHER}")
     frame_names = {name for name in (options.camera, options.lidar) if name is not None}
     candidates = [words for words in publishers if frame_names <= set(_frames(words))]
     if not frame_names and len(publishers) > 1:
@@ -57,7 +57,7 @@ def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> 
     if len(candidates) != 1:
         frames = listed(" to ".join(_frames(words)) for words in publishers)
         raise InputError(
-            f"{where}: found transforms {frames}, needed --camera and --lidar to name the two frames of one of them"
+            f"{where}: found transforms {frames}; add --camera and --lidar to name the two frames of one of them"
         )
     return _transform(where, candidates[0], options)
 
@@ -70,7 +70,7 @@ def _words(where: str, text: str) -> list[str]:
     try:
         return shlex.split(text)
     except ValueError as error:
-        raise InputError(f"{where}: {str(error).lower()}, needed a command line") from None
+        raise InputError(f"{where}: {str(error).lower()}, expected a command line") from None
 
 
 def _frames(words: list[str]) -> list[str]:
@@ -86,7 +86,7 @@ def _transform(where: str, words: list[str], options: FormatOptions) -> Pose:
     parent, child = (arguments.pop(name) for name in FRAME_NAMES)
     rotation_names = RPY if any(name in arguments for name in RPY) else XYZW
     if rotation_names is RPY and any(name in arguments for name in XYZW):
-        raise InputError(f"{where}: found a quaternion and angles, needed one of them")
+        raise InputError(f"{where}: found a quaternion and angles, expected one of them")
     values = {
         name: parse_number(f"{where}: --{name}", arguments[name]) if name in arguments else DEFAULTS[name]
         for name in (*XYZ, *rotation_names)
@@ -110,14 +110,14 @@ def _by_name(where: str, words: list[str]) -> dict[str, str]:
         if name == "--ros-args":
             break
         if name.removeprefix("--") in arguments:
-            raise InputError(f"{where}: {name}: found two values, needed one")
+            raise InputError(f"{where}: {name}: found two values, expected one")
         arguments[name.removeprefix("--")] = value
     names = {*DEFAULTS, *FRAME_NAMES}
     if unknown := [name for name in arguments if name not in names]:
-        needed = f"needed some of: {', '.join(sorted(names))}"
+        needed = f"expected some of: {', '.join(sorted(names))}"
         raise InputError(f"{where}: found argument {unknown[0]!r}, {needed}")
     if missing := [name for name in FRAME_NAMES if name not in arguments]:
-        raise InputError(f"{where}: found no --{missing[0]}, needed one")
+        raise InputError(f"{where}: found no --{missing[0]}")
     return arguments
 
 

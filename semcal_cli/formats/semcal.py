@@ -115,7 +115,7 @@ def _read(source: Source, options: FormatOptions) -> Pose:
     if DRIVE in source.mapping:
         drive = validate(Drive, source.document, source.path)
         if drive.T_camera_lidar is None:
-            needed = "needed a transform, or a drive with T_camera_lidar"
+            needed = "expected a transform, or a drive with T_camera_lidar"
             raise MisplacedError(f"{source.path}: found a drive without a reference, {needed}")
         return np.array(drive.T_camera_lidar)
     if FLEET in source.mapping:

@@ -30,7 +30,7 @@ def _read(source: Source, options: FormatOptions) -> Pose:
     joints = [joint for joint in source.xml.iter("joint") if all(_links(joint))]
     for pair, count in Counter(frozenset(_links(joint)) for joint in joints).items():
         if count > 1:
-            raise InputError(f"{where}: found several joints between {listed(sorted(pair))}, needed one")
+            raise InputError(f"{where}: found several joints between {listed(sorted(pair))}, expected one")
     links = list(dict.fromkeys(link for joint in joints for link in _links(joint)))
     camera, lidar = camera_and_lidar(where, "links", links, options, prefers_optical=True)
     return inverse(_between(source, joints, lidar, camera) @ optical_axes(where, camera, options))
@@ -50,14 +50,14 @@ def _between(source: Source, joints: list[ET.Element], start: str, end: str) -> 
                 queue.append(other)
                 predecessors[other] = link, joint
     if end not in predecessors:
-        raise InputError(f"{source.path}: found no chain of joints from {start!r} to {end!r}, needed one")
+        raise InputError(f"{source.path}: found no chain of joints from {start!r} to {end!r}")
     steps, link = [], end
     while link != start:
         before, joint = predecessors[link]
         if (kind := joint.get("type", "fixed")) != "fixed":
             name = joint.get("name", "")
             raise InputError(
-                f"{source.path}: joint {name!r}: found type {kind!r} between camera and LiDAR, needed 'fixed'"
+                f"{source.path}: joint {name!r}: found type {kind!r} between camera and LiDAR, expected 'fixed'"
             )
         T = _origin(source, joint)
         steps.append(T if link == _links(joint)[1] else inverse(T))

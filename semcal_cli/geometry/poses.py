@@ -44,7 +44,7 @@ def check_rigid(T: Pose) -> None:
     if not (determinant > 0.0 and residual <= RIGID_TOLERANCE):
         raise ValueError(
             f"found determinant {determinant:.6g} and R R^T off the identity by {residual:.2g}, "
-            f"needed a rotation: determinant 1 and R R^T within {RIGID_TOLERANCE} of the identity"
+            f"expected a rotation: determinant 1 and R R^T within {RIGID_TOLERANCE} of the identity"
         )
 
 
@@ -64,11 +64,11 @@ def as_transform(value: ArrayLike, name: str) -> Pose:
     except (TypeError, ValueError):
         T = None
     if T is None:
-        raise InputError(f"{name}: found no array of real numbers, needed a 4 x 4 matrix")
+        raise InputError(f"{name}: found no array of real numbers, expected a 4 x 4 matrix")
     if T.shape != (4, 4):
-        raise InputError(f"{name}: found shape {T.shape}, needed a 4 x 4 matrix")
+        raise InputError(f"{name}: found shape {T.shape}, expected a 4 x 4 matrix")
     if not np.isfinite(T).all():
-        raise InputError(f"{name}: found values that are not finite, needed a rigid transform")
+        raise InputError(f"{name}: found values that are not finite, expected a rigid transform")
     try:
         check_rigid(T)
     except ValueError as error:

@@ -109,6 +109,6 @@ def _read_by_plugin(name: str, request: Request) -> Recording:
     from semcal_cli.importing.recording import check_recording
 
     if (read := PLUGINS.get(name, FunctionType)) is None:
-        raise InputError(f"found data set {name!r}, needed {one_of(name, [*DATASETS, *PLUGINS.names])}")
+        raise InputError(f"found data set {name!r}, expected {one_of(name, [*DATASETS, *PLUGINS.names])}")
     with PLUGINS.name_in_errors(name):
         return check_recording(read(request), partial(PLUGINS.guard, name))

@@ -67,7 +67,7 @@ def check_accumulated(
     """
     path, known = output_drive_file(out), set(map(os.path.realpath, images))
     if os.path.realpath(path) in map(os.path.realpath, read):
-        raise InputError(f"{path}: found a file that this import reads, needed another name")
+        raise InputError(f"{path}: found a file that this import reads; choose another name")
     if not force:
         folder = sweeps.resolve()
 
@@ -106,10 +106,10 @@ def accumulate_drive(
             these data.
     """
     if (seconds is None) == (num_sweeps is None):
-        raise ValueError("found seconds and num_sweeps both or neither, needed one of them")
+        raise ValueError("found seconds and num_sweeps both or neither, expected one of them")
     path = output_drive_file(out)
     if is_same_file(path, drive.path):
-        raise InputError(f"{path}: found the drive to accumulate, needed another -o")
+        raise InputError(f"{path}: found the drive to accumulate; choose another -o")
     inputs = {os.path.realpath(drive.resolve(name)) for name in drive.files()}
     if not force:
         check_may_replace(path, lambda file, frame: os.path.realpath(file) in inputs, of_networks=True)
@@ -122,7 +122,7 @@ def accumulate_drive(
                 path.unlink(missing_ok=True)  # or, if this run ends early, it would name clouds of two runs
             for name, content in files.values():
                 if os.path.realpath(path.parent / name) in inputs:
-                    raise InputError(f"{path.parent / name}: found a file of the drive, needed another -o")
+                    raise InputError(f"{path.parent / name}: found a file of the drive; choose another -o")
                 write(content, path.parent / name)
             names = {key: name for key, (name, _) in files.items()}
             frames[cloud.place] = _frame(drive, frame, path) | names

@@ -41,7 +41,7 @@ MIN_SHARE_NEAR = 0.5
 """Smallest share of the points, along any direction, that lie on the surfaces of the sweep with the image. It is 0.56
 to 0.77 on three drives of KITTI raw at 7 to 9 m/s by their poses, up to 0.4 s apart, and without them at most 0.42
 where a displacement within the limits is found."""
-NEEDED_MOTION = "needed the motion: `semcal odometry` estimates it, or --odometry at import"
+NEEDED_MOTION = "expected `motion:`, which `semcal odometry` or --odometry at import estimates"
 
 
 class AccumulatedCloud(NamedTuple):
@@ -118,7 +118,7 @@ class Accumulation:
         place_of = {frame.points: place for place, frame in enumerate(self._sweeps)}
         images = [frame for frame in self.drive.frames if frame.image or frame.image_labels]
         if not images:
-            raise InputError(f"{self.drive.path}: found no frame with an image or label image, needed one")
+            raise InputError(f"{self.drive.path}: found no frame with an image or label image")
         places = sorted((place_of[frame.points], index) for index, frame in enumerate(images))
         free = [(0, len(self._sweeps))]
         while free:
@@ -154,7 +154,7 @@ class Accumulation:
         elif num_sweeps is None or self._motion is not None:
             needed = "a time for the motion" if self._motion is not None else "a time, or --sweeps"
             raise InputError(
-                f"{self.drive.path}: {unstamped.key('points_stamp')}: found nothing, needed {needed}"
+                f"{self.drive.path}: {unstamped.key('points_stamp')}: found nothing, expected {needed}"
             )
         if num_sweeps is not None:
             return sweeps, [float(place) for place in range(len(sweeps))], num_sweeps - 1.0
@@ -200,7 +200,7 @@ class Accumulation:
                     del sides[step]
         if len(fitted) == 1:
             reasons = [*misfits[-1], *misfits[1]]
-            none = f"found no other sweep near {Path(key.points).name} in time, needed more seconds or more sweeps"
+            none = f"found no other sweep near {Path(key.points).name} in time, expected more seconds or more sweeps"
             self.left_out[reasons[0] if reasons else none] += 1
             return {}
         return {other: fitted[other] for other in sorted(fitted)}
@@ -219,13 +219,13 @@ class Accumulation:
         file = self.drive.resolve(frame.points)
         (cloud,) = read_point_clouds([(file, labels)], self.drive.max_points, self.drive.point_form)
         if cloud.label_shares is not None:
-            raise InputError(f"{labels}: found probabilities of classes, needed ids to accumulate")
+            raise InputError(f"{labels}: found probabilities of classes, expected ids to accumulate")
         has_intensity = cloud.intensity is not None
         if self.has_intensity is None:
             self.has_intensity = has_intensity
         if has_intensity != self.has_intensity:
             known = "an intensity" if has_intensity else "no intensity"
-            raise InputError(f"{file}: found {known}, unlike in other sweeps, needed one in all or in none")
+            raise InputError(f"{file}: found {known}, unlike in other sweeps, expected one in all or in none")
         return cloud
 
     def _fitted(self, frame: Frame, key: Frame, surfaces: Surfaces, of_key: SweepCloud) -> _Sweep:
@@ -238,13 +238,16 @@ class Accumulation:
         if (cloud.labels is None) != (of_key.labels is None):
             lacking = frame if cloud.labels is None else key
             raise InputError(
-                f"{self.drive.path}: {lacking.key('point_labels')}: found nothing, needed labels of all sweeps or none"
+                f"{self.drive.path}: {lacking.key('point_labels')}: found nothing, expected labels of all sweeps or "
+                "none"
             )
         sweep = self._moved(frame, cloud, key)
         displaced = surfaces.displacement(sweep.points)
         names = f"{Path(frame.points).name} and {Path(key.points).name}"
         if displaced is None:
-            raise _MisfitError(f"found {names}, which have no surfaces in common, needed sweeps of one place")
+            raise _MisfitError(
+                f"found {names}, which have no surfaces in common, expected sweeps of one place"
+            )
         T, moves = displaced.T, self._motion is not None
         distance_m, angle_deg = float(np.linalg.norm(T[:3, 3])), rotation_error_deg(T, np.eye(4))
         limits = (MAX_CORRECTION_M, MAX_CORRECTION_DEG) if moves else (MAX_STANDING_M, MAX_STANDING_DEG)
@@ -254,7 +257,7 @@ class Accumulation:
                 apart = f"of which {displaced.share_near:.0%} of the points lie on the same surfaces"
             if moves:
                 raise _MisfitError(
-                    f"motion: found {names}, {apart} after it, needed a motion that fits the sweeps"
+                    f"motion: found {names}, {apart} after it, expected a motion that fits the sweeps"
                 )
             raise _MisfitError(f"found {names}, {apart}: the rig moves, {NEEDED_MOTION}")
         if moves:
@@ -286,7 +289,7 @@ class Accumulation:
             points = trajectory.compensate(cloud.points, times_s, end_s)
             T = displacement(trajectory, end_s, 0.5 * float(times_s.min() + times_s.max()))
         except ValueError as error:
-            raise _MisfitError(f"motion: {error}, needed poses before and after {frame.points}") from None
+            raise _MisfitError(f"motion: {error}, expected poses before and after {frame.points}") from None
         return _Sweep(frame, cloud, points, T[:3, :3] @ self._origin_m + T[:3, 3], 0.0)
 
     def _merged(self, key: Frame, place: int, fitted: Mapping[int, _Sweep]) -> AccumulatedCloud:

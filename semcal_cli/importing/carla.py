@@ -116,7 +116,7 @@ def _table(version: str | None) -> str:
     except ValueError:
         problem = "none given" if version is None else f"found {version!r}"
         raise InputError(
-            f"--version: {problem}, needed CARLA's release, such as 0.9.15: its tags changed in 0.9.14"
+            f"--version: {problem}, expected CARLA's release, such as 0.9.15: its tags changed in 0.9.14"
         ) from None
     if release < OLD_TAGS:
         raise InputError(

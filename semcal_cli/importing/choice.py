@@ -87,13 +87,13 @@ def _with_labels(
     ]
     if not any(label_files):
         raise InputError(
-            f"{folder}: found {len(files):,} label files, none named after a frame; needed "
+            f"{folder}: found {len(files):,} label files, none named after a frame; expected "
             f"{' or '.join(dict.fromkeys(_label_names(frames[0])))} with {', '.join(suffixes)}"
         )
     used = list(filter(None, label_files))
     if len(set(used)) < len(used):
         file = next(file for index, file in enumerate(used) if file in used[:index])
-        raise InputError(f"{file}: found several frames of this name, needed a label file for each")
+        raise InputError(f"{file}: found several frames of this name, expected a label file for each")
     if side == "point_labels":
         return [replace(frame, point_labels=file) for frame, file in zip(frames, label_files, strict=True)]
     return [replace(frame, image_labels=file) for frame, file in zip(frames, label_files, strict=True)]
@@ -113,7 +113,7 @@ def _without_own_labels(frame: SourceFrame, folder: Path) -> SourceFrame:
     if not frame.points.in_order:
         raise InputError(
             f"--point-labels: {folder}: found clouds that are cut from accumulated points together with their labels; "
-            "needed sweeps, whose points are in the order of the labels"
+            "expected sweeps, whose points are in the order of the labels"
         )
     return replace(frame, points=replace(frame.points, has_labels=False))
 
@@ -200,8 +200,8 @@ def select_varied(drive: Drive, recording: Recording, options: Options) -> list[
     if not options.spread:
         return sources
     if not all(source.image_labels for source in sources):
-        needed = f"--image-labels {recording.labels_by}"
-        raise InputError(f"--spread: found frames without label images, needed {needed}")
+        labels = f"--image-labels {recording.labels_by}"
+        raise InputError(f"--spread: found frames without label images; add {labels}")
     frames = tuple(
         frame.model_copy(update={"image_labels": str(Path(str(source.image_labels)).absolute())})
         for frame, source in zip(drive.frames, sources, strict=True)

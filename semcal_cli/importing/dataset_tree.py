@@ -55,7 +55,7 @@ def need_folder(path: Path) -> Path:
         raise InputError(f"{path}: no such file or folder") from None
     except OSError as error:
         raise InputError(f"{path}: {os_reason(error)}") from None
-    raise InputError(f"{path}: found a file, needed a folder")
+    raise InputError(f"{path}: found a file, expected a folder")
 
 
 def inside(root: Path, name: object, where: str) -> Path:
@@ -66,7 +66,7 @@ def inside(root: Path, name: object, where: str) -> Path:
     """
     path = Path(name) if isinstance(name, str) else Path()
     if path == Path() or path.is_absolute() or ".." in path.parts or not _is_writable(str(name)):
-        raise InputError(f"{where}: found {describe(name)}, needed a name inside {root}")
+        raise InputError(f"{where}: found {describe(name)}, expected a name inside {root}")
     return root / path
 
 
@@ -77,7 +77,7 @@ def writable_name(path: Path, name: str) -> str:
         InputError: the name is not valid UTF-8.
     """
     if not _is_writable(name):
-        raise InputError(f"{str(path)!a}: found name {name!a}, needed UTF-8")
+        raise InputError(f"{str(path)!a}: found name {name!a}, expected UTF-8")
     return name
 
 

@@ -64,7 +64,7 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
     path = output_drive_file(out)
     tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
     if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
-        raise InputError(f"{path}: found a file that this import reads, needed another name")
+        raise InputError(f"{path}: found a file that this import reads; choose another name")
     recording = relabel(recording, options)
     if not options.keeps_all:
         recording = keep_labelled(recording)
@@ -86,7 +86,7 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
         if not frames:
             file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))
             raise InputError(
-                f"{file}: found no points for any of {counted(len(chosen), 'frame')}, needed some"
+                f"{file}: found no points for any of {counted(len(chosen), 'frame')}, expected some"
             )
         document = _document(replace(recording, frames=frames), path)
         drive = validate(Drive, document, UNWRITTEN)
@@ -160,7 +160,7 @@ def _with_odometry(recording: Recording, path: Path) -> Recording:
     """
     if converted := [frame.name for frame in recording.frames if isinstance(frame.points, Conversion)]:
         raise InputError(
-            f"--odometry: found a converted cloud in frame {converted[0]!r}, needed sweeps as recorded"
+            f"--odometry: found a converted cloud in frame {converted[0]!r}, expected sweeps as recorded"
         )
     drive = validate(Drive, _document(recording, path), UNWRITTEN)
     drive._path = path
@@ -219,7 +219,7 @@ def _class_blocks(recording: Recording) -> dict[str, Any]:
         palette = recording.image_classes.palette() if recording.image_classes else {}
         if not palette:
             raise InputError(
-                f"{label_image}: found colours, needed ids, or a class table with these colours with --image-classes"
+                f"{label_image}: found colours, expected ids, or a class table with these colours with --image-classes"
             )
         del sides["image"]
     blocks: dict[str, Any] = {}
@@ -279,7 +279,9 @@ def _write_converted(frame: SourceFrame, folder: Path, write: Callable[[bytes, P
     if frame.points.has_labels:
         if cloud.labels is None or cloud.labels.shape != shape[:1]:
             description = "no labels" if cloud.labels is None else f"labels of shape {cloud.labels.shape}"
-            raise InputError(f"{file}: frame {frame.name!r}: found {description}, needed one label per point")
+            raise InputError(
+                f"{file}: frame {frame.name!r}: found {description}, expected one label per point"
+            )
         write(cloud.labels.astype("<u4").tobytes(), labels)
     write(cloud.points.astype("<f4").tobytes(), points)
     return True
@@ -292,7 +294,7 @@ def _copies(name: str) -> tuple[str, str]:
         InputError: the name of the frame leads to another folder.
     """
     if Path(name).name != name:
-        raise InputError(f"frame {name!r}: found the name of no file, needed one for its converted cloud")
+        raise InputError(f"frame {name!r}: found the name of no file, expected one for its converted cloud")
     return f"points/{name}.bin", f"point_labels/{name}.label"
 
 

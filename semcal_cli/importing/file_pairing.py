@@ -144,5 +144,7 @@ def _by_name(files: Sequence[Path]) -> dict[str, Path]:
     for path in files:
         other = file_by_name.setdefault(stem(path), path)
         if other != path:
-            raise InputError(f"{path}: found the same name as {other}, needed a distinct name for each frame")
+            raise InputError(
+                f"{path}: found the same name as {other}, expected a distinct name for each frame"
+            )
     return file_by_name

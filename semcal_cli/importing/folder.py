@@ -182,7 +182,7 @@ def _find(option: str, pattern: str) -> list[Path]:
         if not path.name.lower().endswith(suffixes):
             suffix = f"found suffix {path.suffix!r}" if path.suffix else "found no suffix"
             raise InputError(
-                f"{option}: {path}: {suffix}, needed {', '.join(suffixes[:-1])} or {suffixes[-1]}"
+                f"{option}: {path}: {suffix}, expected {', '.join(suffixes[:-1])} or {suffixes[-1]}"
             )
     return paths
 

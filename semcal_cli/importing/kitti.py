@@ -252,7 +252,7 @@ def read_stamps(path: Path) -> dict[int, float]:
             seconds = moment.timestamp() + float(f"0.{fraction or 0}")
         except ValueError:
             raise InputError(
-                f"{where}: found {line[:40]!r}, needed a time such as 2011-09-26 13:02:25.95"
+                f"{where}: found {line[:40]!r}, expected a time such as 2011-09-26 13:02:25.95"
             ) from None
         stamps[index] = stamp_s(where, seconds)
     return stamps
@@ -277,7 +277,7 @@ def calibration(path: Path, camera: int, width: int, height: int) -> tuple[dict[
     key = next((key for key in (ODOMETRY_KEY, OBJECT_KEY) if key in lines.mapping), None)
     if key is None:
         problem = f"found keys {listed(lines.mapping)}"
-        raise InputError(f"{path}: {problem}, needed Tr, or R0_rect and Tr_velo_to_cam")
+        raise InputError(f"{path}: {problem}, expected Tr, or R0_rect and Tr_velo_to_cam")
     T_camera0_lidar, projection = camera0_pose(lines, key), lines.at(f"P{camera}")
     return pinhole(projection, width, height), offset_from_camera0(projection) @ T_camera0_lidar
 

@@ -135,7 +135,7 @@ def _is_rectified(camera: str, rectified: bool | None) -> bool:
         return rectified is not False
     if rectified:
         raise InputError(
-            f"--rectified: found camera {camera}, whose images are all raw, needed {' or '.join(PERSPECTIVE)}"
+            f"--rectified: found camera {camera}, whose images are all raw, expected {' or '.join(PERSPECTIVE)}"
         )
     return False
 
@@ -179,7 +179,7 @@ def _read_poses(path: Path) -> dict[int, Pose]:
     poses = {}
     for where, (frame, *rows) in read_rows(path, 13, is_needed=True):
         if not frame.is_integer() or not 0 <= frame <= MAX_FRAME:
-            raise InputError(f"{where}: found frame {frame:g}, needed a whole number from 0 to {MAX_FRAME}")
+            raise InputError(f"{where}: found frame {frame:g}, expected a whole number from 0 to {MAX_FRAME}")
         poses[int(frame)] = from_rows(where, rows, farthest_m=MAX_WORLD_M)
     return poses
 

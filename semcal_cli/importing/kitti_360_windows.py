@@ -44,7 +44,7 @@ class Windows:
     def __init__(self, folder: Path, *, visible_only: bool):
         self._ranges = {_frames(path): path for path in sorted(folder.glob("*.ply"))}
         if not self._ranges:
-            raise InputError(f"{folder}: found no windows, needed files such as 0000000002_0000000385.ply")
+            raise InputError(f"{folder}: found no windows, expected files such as 0000000002_0000000385.ply")
         self._visible_only = visible_only
 
     def __contains__(self, frame: int) -> bool:
@@ -96,7 +96,7 @@ def _read_window(
     vertices = read_vertices(path)
     names = vertices.dtype.names or ()
     if missing := [name for name in (*"xyz", "semantic", "visible") if name not in names]:
-        raise InputError(f"{path}: found properties {listed(names)}, needed {missing[0]}")
+        raise InputError(f"{path}: found properties {listed(names)}, expected {missing[0]}")
     points = np.stack([vertices[axis].astype(np.float64) for axis in "xyz"], axis=1)
     # -1 means a licence plate, which has no id.
     ids = np.maximum(vertices["semantic"].astype(np.int64), 0).astype(np.uint32)
@@ -107,7 +107,7 @@ def _frames(path: Path) -> range:
     match = re.fullmatch(r"(\d+)_(\d+)", path.stem)
     if not match:
         raise InputError(
-            f"{path}: found name {path.stem!r}, needed the first and last frame, such as 0000000002_0000000385"
+            f"{path}: found name {path.stem!r}, expected the first and last frame, such as 0000000002_0000000385"
         )
     return range(int(match.group(1)), int(match.group(2)) + 1)
 
@@ -121,7 +121,7 @@ def read_vertices(path: Path) -> Array:
     start = read_start(path, MAX_HEADER)
     end = re.search(rb"\nend_header\r?\n", start)
     if not start.startswith(b"ply") or not end:
-        raise InputError(f"{path}: found no PLY header, needed one")
+        raise InputError(f"{path}: found no PLY header")
     count, dtype = _parse_header(path, start[: end.start()].decode("latin-1").splitlines())
     body = memoryview(read_bytes(path, limit=MAX_BYTES))[end.end() :]
     if count * dtype.itemsize > len(body):
@@ -136,20 +136,20 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[int, np.dtype[Any]]:
     words = [line.split() for line in lines[1:]]
     form = next((line[1] for line in words if line[:1] == ["format"] and len(line) == 3), "none")
     if form not in BYTE_ORDERS:
-        raise InputError(f"{path}: found format {form[:40]}, needed one of: {', '.join(BYTE_ORDERS)}")
+        raise InputError(f"{path}: found format {form[:40]}, expected one of: {', '.join(BYTE_ORDERS)}")
     elements = [index for index, line in enumerate(words) if line[:1] == ["element"]]
     first = words[elements[0]] if elements else []
     if len(first) != 3 or first[1] != "vertex" or not first[2].isascii() or not first[2].isdigit():
         raise InputError(
-            f"{path}: found first element {' '.join(first[1:])[:40] or 'none'}, needed vertex and a count"
+            f"{path}: found first element {' '.join(first[1:])[:40] or 'none'}, expected vertex and a count"
         )
     last = elements[1] if len(elements) > 1 else len(words)
     properties = [line for line in words[elements[0] : last] if line[:1] == ["property"]]
     if not properties or any(len(line) != 3 or line[1] not in TYPES for line in properties):
-        raise InputError(f"{path}: found vertices without properties or with lists, needed plain numbers")
+        raise InputError(f"{path}: found vertices without properties or with lists, expected plain numbers")
     names = [line[2] for line in properties]
     if len(set(names)) < len(names):
-        raise InputError(f"{path}: found a property twice in {listed(names)}, needed each once")
+        raise InputError(f"{path}: found a property twice in {listed(names)}, expected each once")
     return (
         int(first[2][:18]),
         np.dtype([(n, BYTE_ORDERS[form] + TYPES[p[1]]) for n, p in zip(names, properties, strict=True)]),

@@ -105,9 +105,9 @@ def _check_kept(drive: Drive, outputs: tuple[Path, ...]) -> None:
     """Check that the merged drive replaces neither a drive nor its poses."""
     for output in outputs:
         if is_same_file(output, drive.path):
-            raise InputError(f"{output}: found one of the drives to merge, needed another -o")
+            raise InputError(f"{output}: found one of the drives to merge; choose another -o")
         if (motion := drive.motion) and motion.poses and is_same_file(output, drive.resolve(motion.poses)):
-            raise InputError(f"{output}: found the poses of {drive.path}, needed another -o")
+            raise InputError(f"{output}: found the poses of {drive.path}; choose another -o")
 
 
 def _check_covered(drive: Drive) -> None:
@@ -129,14 +129,14 @@ def _check_covered(drive: Drive) -> None:
 def _check_same(first: Drive, drive: Drive) -> None:
     """Check that what a drive states of all its frames is the same as in the first drive."""
     if differences := camera_differences(drive.camera, first.camera, str(first.path)):
-        raise InputError(f"{drive.path}: camera: found {', '.join(differences)}, needed the same camera")
+        raise InputError(f"{drive.path}: camera: found {', '.join(differences)}, expected the same camera")
     values = {key: (getattr(first, key), getattr(drive, key)) for key in SHARED}
     values["camera.mask"] = _located_mask(first), _located_mask(drive)
     values["motion"] = _motion_of_any_poses(first), _motion_of_any_poses(drive)
     for key, (value, other) in values.items():
         if value != other:
             raise InputError(
-                f"{drive.path}: {key}: found another value than in {first.path}, needed the same"
+                f"{drive.path}: {key}: found another value than in {first.path}, expected the same"
             )
 
 
@@ -180,7 +180,7 @@ def _joined_poses(drives: Sequence[Drive]) -> str | None:
     for (_, end_s, before), (start_s, _, file) in pairwise(spans):
         if start_s <= end_s:
             raise InputError(
-                f"{file}: found poses from {start_s:.3f} s on, before the last of {before} at {end_s:.3f} s, needed "
+                f"{file}: found poses from {start_s:.3f} s on, before the last of {before} at {end_s:.3f} s, expected "
                 "drives of different times"
             )
     texts = [read_text(file, limit=MAX_TABLE_BYTES).rstrip("\n") for *_, file in spans]

@@ -63,9 +63,7 @@ class Tables:
         """
         rows = {token: row for token, row in self.rows(table) if token in tokens}
         if missing := sorted(set(tokens) - rows.keys()):
-            raise InputError(
-                f"{self.path(table)}: found no row with token {describe(missing[0])}, needed one"
-            )
+            raise InputError(f"{self.path(table)}: found no row with token {describe(missing[0])}")
         return rows
 
     def file(self, row: Node) -> Path:

@@ -33,7 +33,7 @@ def read(request: Request) -> Recording:
         )
     lines, image = read_keyed(folder / "calib.txt"), files_by_stem(folder, ".png", ".jpg").get("calib")
     if image is None:
-        raise InputError(f"{folder}: found neither calib.png nor calib.jpg, needed one of them")
+        raise InputError(f"{folder}: found neither calib.png nor calib.jpg")
     width, height = image_size(image)
     camera: dict[str, Any] = {"model": "plumb_bob", "width": width, "height": height}
     camera |= {"K": lines.at("K").matrix(3, 3).tolist(), "distortion": lines.at("D").numbers(4, 5)}

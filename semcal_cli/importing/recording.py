@@ -241,14 +241,14 @@ def join_sequences(
         ):
             if getattr(recording, key) != getattr(first, key):
                 raise InputError(
-                    f"--sequence: found another {key} in {name} than in {first_name}, needed the same"
+                    f"--sequence: found another {key} in {name} than in {first_name}, expected the same"
                 )
         T, first_T = (
             (np.nan,) if one.T_camera_lidar is None else one.T_camera_lidar for one in (recording, first)
         )
         if not np.array_equal(T, first_T, equal_nan=True):
             raise InputError(
-                f"--sequence: found another reference in {name} than in {first_name}, needed the same"
+                f"--sequence: found another reference in {name} than in {first_name}, expected the same"
             )
         known = {frame.name for frame in frames}
         again = next((frame.name for frame in recording.frames if frame.name in known), None)
@@ -256,8 +256,8 @@ def join_sequences(
             are_labelled_by_name or any(isinstance(frame.points, Conversion) for frame in recording.frames)
         ):
             raise InputError(
-                f"--sequence: found frame {again} in {name}, too, needed frames of other names for their files: import "
-                "each sequence alone, and use `semcal merge`"
+                f"--sequence: found frame {again} in {name}, too, expected frames of other names for their files: "
+                "import each sequence alone, and use `semcal merge`"
             )
         frames += recording.frames
         remarks += [remark for remark in recording.remarks if remark not in remarks]
@@ -272,7 +272,7 @@ def _joined_poses(recordings: Mapping[str, Recording]) -> dict[int, Pose] | None
         return None
     if lacking := [name for name in recordings if name not in poses]:
         raise InputError(
-            f"--sequence: found poses of {next(iter(poses))}, and none of {lacking[0]}, needed poses of all or none: "
+            f"--sequence: found poses of {next(iter(poses))}, and none of {lacking[0]}, expected poses of all or none: "
             "import each sequence alone"
         )
     joined = {stamp_ns: T for of_one in poses.values() for stamp_ns, T in of_one.items()}
@@ -291,7 +291,7 @@ def _check_times(recordings: Mapping[str, Recording]) -> None:
         if start_s <= end_s:
             raise InputError(
                 f"--sequence: found times of {name} from {start_s:.3f} s on, before the end of {before} at "
-                f"{end_s:.3f} s, needed sequences of different times for their motion: import each alone"
+                f"{end_s:.3f} s, expected sequences of different times for their motion: import each alone"
             )
 
 
@@ -329,7 +329,7 @@ def _check_frame(index: int, frame: object, guard: Guard) -> SourceFrame:
 def _check_fields(where: str, value: object, kind: type[Kind]) -> Kind:
     """Check the class of an object, and its fields against the annotations of the class."""
     if not isinstance(value, kind):
-        raise TypeError(f"{where}: found {describe(value)}, needed a {kind.__name__}".removeprefix(": "))
+        raise TypeError(f"{where}: found {describe(value)}, expected a {kind.__name__}".removeprefix(": "))
     of_kind: type = kind
     for key, of_field in settings_of(of_kind, with_others=True).items():
         if not of_field.allows(content := getattr(value, key)):
@@ -337,7 +337,7 @@ def _check_fields(where: str, value: object, kind: type[Kind]) -> Kind:
                 index = [of_field.entry.allows(entry) for entry in content].index(False)
                 key, content, of_field = f"{key}[{index}]", content[index], of_field.entry
             needed = of_field.needed(content) + " or None" * of_field.is_optional
-            raise TypeError(f"{where}.{key}: found {describe(content)}, needed {needed}".removeprefix("."))
+            raise TypeError(f"{where}.{key}: found {describe(content)}, expected {needed}".removeprefix("."))
     return value
 
 
@@ -345,4 +345,4 @@ def _check_block(key: str, block: Mapping[str, Any]) -> None:
     try:
         json.dumps(dict(block))
     except TypeError as error:
-        raise TypeError(f"{key}: {error}; needed numbers, text, lists and mappings") from None
+        raise TypeError(f"{key}: {error}; expected numbers, text, lists and mappings") from None

@@ -86,7 +86,7 @@ def _by_number(folder: Path, *suffixes: str) -> dict[str, tuple[Path, float]]:
         match = IMAGE_NAME.fullmatch(path.stem)
         if not match:
             raise InputError(
-                f"{path}: found name {path.stem!r}, needed one such as frame000104-1581624663_149"
+                f"{path}: found name {path.stem!r}, expected one such as frame000104-1581624663_149"
             )
         number, seconds, milliseconds = match.groups()
         files[number] = path, int(seconds) + int(milliseconds) / 1000.0

@@ -326,7 +326,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     for frame in drive.frames:
         if frame.points_stamp is None:
             problem = f"{drive.path}: {frame.key('points_stamp')}: found nothing"
-            raise InputError(f"{problem}, needed the time of the sweep for odometry")
+            raise InputError(f"{problem}, expected the time of the sweep for odometry")
         stamps_s.setdefault(frame.points, frame.points_stamp)
         moments_s.setdefault(frame.points, []).append(frame.image_stamp or frame.points_stamp)
     ordered = sorted(stamps_s.items(), key=lambda item: item[1])
@@ -344,7 +344,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
         problem = f"found {counted(len(ordered), 'sweep')}" + (
             f", {np.median(gaps_s):.3g} s apart" if len(gaps_s) else ""
         )
-        needed = f"needed consecutive ones, at most {MAX_GAP_NS / NS:g} s apart"
+        needed = f"expected consecutive ones, at most {MAX_GAP_NS / NS:g} s apart"
         raise InputError(
             f"{drive.path}: {problem}, {needed}; `import bag --odometry` reads all sweeps of a recording"
         )

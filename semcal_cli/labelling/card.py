@@ -337,7 +337,7 @@ def find_card(name: str | None, model: Path) -> Path | None:
     if name in card_names():
         return CARDS / f"{name}.yaml"
     if not Path(name).suffix and not Path(name).exists():
-        raise InputError(f"found card {name!r}, needed a file or one of: {', '.join(card_names())}")
+        raise InputError(f"found card {name!r}, expected a file or one of: {', '.join(card_names())}")
     return Path(name)
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.config.file_limits import MAX_NETWORK_FILES
-from semcal_cli.errors import InputError, check_installed, listed, mismatch, reason
+from semcal_cli.errors import InputError, check_installed, contrast, listed, reason
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import make_folder, write_parts, write_text
@@ -90,7 +90,7 @@ class HubName:
 
     def error(self, found: str, needed: str) -> InputError:
         """Make the error about this network."""
-        return InputError(f"{self.text}: found {found}, needed {needed}")
+        return InputError(f"{self.text}: {contrast(found, needed)}")
 
 
 def is_hub_name(name: str) -> bool:
@@ -112,13 +112,13 @@ def find_model(name: str, max_mb: float, on_event: Listener = ignore) -> Path:
     if not is_hub_name(name):
         if not Path(name).suffix and not Path(name).exists():
             raise InputError(
-                f"found network {name!r}, needed a file, {SYNTAX}, or one of: {', '.join(RECOMMENDED)}"
+                f"found network {name!r}, expected a file, {SYNTAX}, or one of: {', '.join(RECOMMENDED)}"
             )
         return Path(name)
     text = name if name.startswith(PREFIX) else PREFIX + RECOMMENDED[name].repository
     parts = NAME.fullmatch(text)
     if parts is None or ".." in text or (parts["revision"] or "").startswith("/"):
-        raise InputError(f"{text}: is not the name of an ONNX network on the hub, needed {SYNTAX}")
+        raise InputError(f"{text}: is not the name of an ONNX network on the hub, expected {SYNTAX}")
     hub = HubName(text, parts["repo"], parts["revision"] or "main", parts["file"])
     check_installed(text, "huggingface_hub", "label")
     with _translated_errors(hub):
@@ -147,7 +147,7 @@ def copy_network(model: Path, folder: Path) -> Path:
     path = model.absolute()
     parts = SNAPSHOT.search(path.as_posix())
     if parts is None:
-        raise InputError(f"{model}: {mismatch('a file of your own', f'a network on the hub: {SYNTAX}')}")
+        raise InputError(f"{model}: {contrast('a file of your own', f'a network on the hub: {SYNTAX}')}")
     name = parts[3]
     snapshot = path.parents[name.count("/")]
     repository = snapshot.parents[1]
@@ -302,8 +302,11 @@ def _find_cached(hub: HubName, endpoint: str, error: Exception) -> Path:
         path = huggingface_hub.try_to_load_from_cache(hub.repo, file, revision=hub.revision)
         if isinstance(path, str):
             return Path(path)
-    needed = "a connection, or a copy from an earlier run"
-    raise hub.error(f"no copy in the cache, and {endpoint} failed ({reason(error)[:200]})", needed)
+    raise InputError(
+        f"{hub.text}: cannot reach {endpoint} ({reason(error)[:200]}), and the network is not cached. Fetch it where "
+        f"there is a network, and copy the cache ({huggingface_hub.constants.HF_HUB_CACHE}) here; or calibrate without "
+        "labels, from a start: --init FILE"
+    )
 
 
 @contextmanager

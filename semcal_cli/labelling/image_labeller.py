@@ -96,7 +96,7 @@ class ImageLabeller:
         """
         path, kind = self.model.network.path, self.model.card.kind
         if kind == "ids":
-            raise InputError(f"--probabilities: found ids from {path}, needed logits or probabilities")
+            raise InputError(f"--probabilities: found ids from {path}, expected logits or probabilities")
         scores, views, positions, are_classes_first = self._scores(self._run(image))
         num_classes = scores[0].shape[0 if are_classes_first else 2]
         if num_classes > MAX_SHARES:

@@ -78,7 +78,7 @@ def label_drive(
     """
     path = output_drive_file(out)
     if is_same_file(path, drive.path):
-        raise InputError(f"{path}: found the input drive, needed another name")
+        raise InputError(f"{path}: found the input drive; choose another name")
     files: dict[str, list[Path]] = {
         side.key: _prepare_folder(drive, side, path.parent, side in overwrite, by_content) for side in sides
     }
@@ -165,7 +165,7 @@ def _prepare_folder(drive: Drive, side: LabelSide, root: Path, force: bool, by_c
         settings["sources"] = _cache_key([str(drive.resolve(source)) for source in sources if source])
     if not record.exists():
         if any(folder.iterdir()):
-            raise InputError(f"{folder}: found files that `semcal label` did not write, needed another -o")
+            raise InputError(f"{folder}: found files that `semcal label` did not write; choose another -o")
     elif not force and {**read_document(record), ORIGIN: None} != {
         **json.loads(_record_text(settings)),
         ORIGIN: None,

@@ -117,7 +117,7 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
     provider = PROVIDERS[device]
     if provider not in onnxruntime.get_available_providers():
         raise InputError(
-            f"--device {device}: found an onnxruntime without {provider}, needed one with it, such as onnxruntime-gpu"
+            f"--device {device}: found an onnxruntime without {provider}, expected one with it, such as onnxruntime-gpu"
         )
     options = onnxruntime.SessionOptions()
     options.log_severity_level = SILENT
@@ -131,7 +131,7 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
         raise InputError(f"{path}: is not a model that onnxruntime can open: {_reason(error)}") from None
     inputs, outputs = (tuple(map(_port, ports)) for ports in (session.get_inputs(), session.get_outputs()))
     if not inputs:
-        raise InputError(f"{path}: found no input, needed an image, a range image or points")
+        raise InputError(f"{path}: found no input, expected an image, a range image or points")
     return Network(path, session, inputs, outputs)
 
 

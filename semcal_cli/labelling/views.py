@@ -206,7 +206,7 @@ def _rectify(camera: Camera) -> Iterator[ViewPart]:
     rays = lens.unproject(_pixels(camera))
     is_inside = np.isfinite(rays).all(axis=1)
     if not is_inside.any():
-        raise InputError("--rectify: found a lens that sees none of its pixels, needed another")
+        raise InputError("--rectify: found a lens that sees none of its pixels; choose another")
     focal, forward = lens.pixels_per_radian, np.clip(rays[is_inside, 2].min(), -1.0, 1.0)
     if math.degrees(math.acos(forward)) > ONE_VIEW_DEG:
         side = max(round(2.0 * math.tan(math.radians(FACE_DEG)) * focal), 1)

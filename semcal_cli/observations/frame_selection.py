@@ -50,7 +50,7 @@ def chosen_frames(drive: Drive, part: slice | None, excluded: Collection[str]) -
     for name in excluded:
         if name not in known:
             names = one_of(name, dict.fromkeys(short))
-            raise InputError(f"{drive.path}: --exclude: found no frame {name!r}, needed {names}")
+            raise InputError(f"{drive.path}: --exclude: found no frame {name!r}, expected {names}")
     # Several frames may have one cloud, such as those of several images of a sweep.
     kept = [
         index
@@ -58,9 +58,7 @@ def chosen_frames(drive: Drive, part: slice | None, excluded: Collection[str]) -
         if left_out.isdisjoint((clouds[index], short[index]))
     ]
     if not kept:
-        raise InputError(
-            f"{drive.path}: found no frame that is left of {counted(len(clouds), 'frame')}, needed one"
-        )
+        raise InputError(f"{drive.path}: found no frame that is left of {counted(len(clouds), 'frame')}")
     return with_frames(drive, kept)
 
 

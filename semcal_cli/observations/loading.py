@@ -175,7 +175,7 @@ def load(
         if config.cues not in (drive.cues, AUTO):
             found, needed = (" and ".join(names) for names in (drive.cues, config.cues))
             raise InputError(
-                f"{drive.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
+                f"{drive.drive.path}: found a drive loaded by {found}, expected one loaded by {needed}"
             )
         return drive.with_camera(with_sigma(drive.drive.camera, config.refinement.jointly)).with_settings(
             config.refinement
@@ -200,7 +200,7 @@ def load(
         data = replace(data.of_frames(kept), num_copies=len(copies))
     note = _describe(data, len(whole.frames))
     if config.cues == AUTO and not is_default(cues):
-        note += ", the best that its files allow"
+        note += ", the best its files allow"
     speckle = data.observations.speckle
     details = f"{speckle:.2%} isolated pixels corrected" if speckle > 0.0 else ""
     on_event(StageDone("load", perf_counter() - start, note, details=details))
@@ -213,10 +213,12 @@ def _describe(data: LoadedDrive, num_frames: int) -> str:
     num_points = sum(cloud.num_points for cloud in data.first_cue.clouds)
     chosen = f" of {num_frames:,}" if num_used < num_frames else ""
     frames = "frame" if num_used == num_frames == 1 else "frames"
-    note = (
-        f"{num_used}{chosen} {frames}, {num_points:,} points, {len(observations.point_class_names)} point classes, "
-        f"{len(observations.image_class_names)} image classes"
-    )
+    note = f"{num_used}{chosen} {frames}, {num_points:,} points"
+    if is_default(data.cues):  # the classes of other cues are steps and gradients, which are nobody's
+        note += (
+            f", {len(observations.point_class_names)} point classes, "
+            f"{len(observations.image_class_names)} image classes"
+        )
     if data.num_copies:
         note += f", {data.num_copies} copies left out"
     if not is_default(data.cues):

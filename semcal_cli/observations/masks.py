@@ -43,7 +43,7 @@ def scene_masks(drive: Drive, frames: Sequence[Frame]) -> list[Mask | None]:
         if mask is not None and not mask.any():
             key = "camera.mask" if frame.mask is None else frame.key("mask")
             raise InputError(
-                f"{drive.path}: {key}: found no pixel that is left, needed some that show the scene"
+                f"{drive.path}: {key}: found no pixel that is left, expected some that show the scene"
             )
     return masks
 

@@ -28,7 +28,7 @@ from semcal_cli.observations.point_times import MAX_SWEEP_S, MIN_SWEEP_S, checke
 
 MAX_POSES = 1_000_000
 """Largest number of poses in a file. Reading them takes about ten seconds."""
-A_POSE = "needed seconds x y z qx qy qz qw"
+A_POSE = "expected seconds x y z qx qy qz qw"
 MIN_DIFFERENCE = 1e-3
 """Smallest difference of two velocities that counts, m/s or rad/s: in 50 ms it amounts to 0.05 mm."""
 MEAN_SHARE = 0.25
@@ -75,7 +75,7 @@ def compensated(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Compensated]
             points = along.compensate(cloud.points, times, moment)
             twist_per_s = along.twist_at(moment)
         except ValueError as error:
-            needed = f"needed poses before and after {frame.points}"
+            needed = f"expected poses before and after {frame.points}"
             raise InputError(f"{drive.resolve(motion.poses or '')}: {error}, {needed}") from None
         if not np.isfinite(points).all():
             raise InputError(
@@ -176,7 +176,7 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> tup
     """Return the time of each point (N,), in seconds on the clock of the stamps, and whether the sweep is rigid."""
     if frame.points_stamp is None:
         raise InputError(
-            f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed a time for the motion"
+            f"{drive.path}: {frame.key('points_stamp')}: found nothing, expected a time for the motion"
         )
     told = checked_times(drive, frame, cloud, motion.point_times)
     if told is None:
@@ -189,7 +189,7 @@ def _moment(drive: Drive, frame: Frame) -> float:
     """Return the time of the image's middle line, in seconds; its stamp must be within `MAX_SWEEP_S` of the sweep's."""
     if frame.image_stamp is None:
         raise InputError(
-            f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed a time for the motion"
+            f"{drive.path}: {frame.key('image_stamp')}: found nothing, expected a time for the motion"
         )
     if frame.points_stamp is not None and abs(frame.image_stamp - frame.points_stamp) > MAX_SWEEP_S:
         found = f"found {frame.image_stamp - frame.points_stamp:g} s after points_stamp"

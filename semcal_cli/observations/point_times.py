@@ -66,7 +66,7 @@ def checked_times(
     if reference is None:
         reference = "relative" if min(abs(first), abs(last)) <= MAX_SWEEP_S else "absolute"
     if not np.isfinite([first, last]).all():
-        complaint = "found point times that are not finite, needed a time for each point"
+        complaint = "found point times that are not finite, expected a time for each point"
     else:
         complaint = _unit_complaint(drive, first, last)
         # A motion without a direction moves no point: what it may cost follows from how long a sweep takes.
@@ -155,12 +155,12 @@ def _unit_complaint(drive: Drive, first: float, last: float) -> str:
         found = f"found point times that span {span_s:.4g} s"
         found += f" in units of {stated}" if isinstance(stated, float) else f" in {stated}" if stated else ""
         if unit is not None:
-            return f"{found}, {fitting_s:.4g} s as {unit}, needed time_unit: {unit} {IN_DRIVE}"
+            return f"{found}, {fitting_s:.4g} s as {unit}, expected time_unit: {unit} {IN_DRIVE}"
         needed = f"needed {MIN_SWEEP_S:g} s or more, within {MAX_SWEEP_S:g} s of points_stamp"
         return f"{found}, {needed}; whole numbers are read as nanoseconds, others as seconds: see time_unit"
     if stated is not None or _are_seconds(first, last, gap_s):
         return ""
-    needed = f"needed time_unit {IN_DRIVE}"
+    needed = f"expected time_unit {IN_DRIVE}"
     if gap_s is None or not _overlap(span_s, gap_s):
         found = "found point times from 0 to 1, which may be seconds or shares of a sweep"
         return f"{found}, {needed}: s, or the seconds of a sweep, such as 0.1"
@@ -183,7 +183,7 @@ def _reference_complaint(frame: Frame, first_s: float, last_s: float, reference:
         return ""
     first_s, last_s = after[reference]
     found = f"found point times from {first_s:g} to {last_s:g} s after points_stamp"
-    needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times is {reference}"
+    needed = f"expected them within {MAX_SWEEP_S:g} s; motion.point_times is {reference}"
     return f"{found}, {needed}" + "".join(f", and {other} would fit" for other in fitting)
 
 

@@ -309,7 +309,7 @@ def _point_labels(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Labels]:
     present = [of_cloud for of_cloud in labels if of_cloud is not None]
     if len(present) < len(clouds):
         frame = next(f for f, of_cloud in zip(drive.frames, labels, strict=True) if of_cloud is None)
-        needed = "needed a file of class ids, or a field of the cloud named label, class or semantic"
+        needed = "expected a file of class ids, or a field of the cloud named label, class or semantic"
         if not present:
             needed += "; edges need none (--cue edges)"
         raise InputError(f"{drive.path}: {frame.key('point_labels')}: found nothing, {needed}")
@@ -354,7 +354,9 @@ def _class_table(drive: Drive, side: Side, labels: Sequence[Labels]) -> ClassTab
     has_ids = drive.ignore.image or (drive.classes and drive.classes.image)
     if side == "image" and drive.palette is not None and has_ids:
         needed = "the palette alone; colours that it does not list are ignored"
-        raise InputError(f"{drive.path}: palette: found classes.image or ignore.image, too, needed {needed}")
+        raise InputError(
+            f"{drive.path}: palette: found classes.image or ignore.image, too, expected {needed}"
+        )
     try:
         table = class_table(labels, _ids_by_name(drive, side), getattr(drive.ignore, side))
     except ValueError as error:

@@ -245,10 +245,12 @@ def _check_options(data: LoadedDrive, config: RefinementConfig, priors: Sequence
     if not is_polished:
         raise InputError(f"{option}: needs the polish, which features and is_polished=False exclude")
     if priors:
-        raise InputError(f"{option}: found {priors[0].name}, needed no prior: the two cannot be combined yet")
+        raise InputError(
+            f"{option}: found {priors[0].name}, expected no prior: the two cannot be combined yet"
+        )
     if jointly.with_delay and twists_per_s(data.observations) is None:
         raise InputError(
-            f"{path}: motion: found no direction of motion, needed poses or a twist for --estimate-delay"
+            f"{path}: motion: found no direction of motion, expected poses or a twist for --estimate-delay"
         )
 
 

@@ -55,7 +55,7 @@ def assess_given(
         CalibrationError: too few labelled points are on labelled pixels.
     """
     if data.observations.has_vectors:
-        raise InputError(f"{data.drive.path}: found features, which have no histogram, needed another cue")
+        raise InputError(f"{data.drive.path}: found features, which have no histogram; choose another cue")
     initial, refinement, T = start_at(data, start, on_event), config.refinement, start.T_camera_lidar
     unrolled = data.unrolled(T)
     initial_stages = Stages.from_refined(data, initial, None, is_compensated=True)

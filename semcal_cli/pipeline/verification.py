@@ -57,7 +57,7 @@ LOOKS_LIKE = "looks-like"
 SENTENCES: dict[Verdict, str] = {
     "pass": "The transform still holds on this drive.",
     "fail": "The camera is not where the transform says. Calibrate again, or find out what moved it.",
-    "inconclusive": "This drive cannot show whether the transform still holds. Try more frames, or other places.",
+    "inconclusive": "This drive does not constrain the transform well enough. Add frames from other places.",
 }
 MISREAD = "The transform does not hold as it was read. Correct how it is written or read, and verify again."
 """Sentence for a transform that looks like a mistake, since nothing then says that the camera moved."""
@@ -163,7 +163,7 @@ def verify(
     data, of_camera = _with_common_camera(load(data, config), stated)
     if limits.delay_s is not None and twists_per_s(data.observations) is None:
         raise InputError(
-            f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
+            f"{data.drive.path}: motion: found no direction of motion, expected poses or a twist for --max-delay-ms"
         )
     jointly = AdjustmentConfig(with_delay=limits.delay_s is not None)
     refinement = RefinementConfig(jointly=jointly)
@@ -198,7 +198,7 @@ def check_limits(limits: Limits) -> None:
         InputError: they are no limits, or one is out of range.
     """
     if not isinstance(limits, Limits):
-        raise InputError(f"limits: found {limits!r}, needed Limits")
+        raise InputError(f"limits: found {limits!r}, expected Limits")
     check_settings(limits)
 
 
@@ -349,7 +349,7 @@ def _remedy(mistake: str, stated: InitialPose) -> str:
     """Describe how to correct a mistake that a transform looks like."""
     others = dict(zip(DIRECTIONS, DIRECTIONS[::-1], strict=True))
     if mistake.endswith(INVERSE) and stated.direction in others:
-        return f"run again with --init-direction {others[stated.direction]}"
+        return f"run again with --direction {others[stated.direction]}"
     return f"correct {stated.name}"
 
 

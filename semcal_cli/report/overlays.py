@@ -89,7 +89,7 @@ def image_of(drive: Drive, observations: Observations, frame: int) -> tuple[Imag
         return image, True
     if not observations.image_class_names:
         key = drive.frames[frame].key("image")
-        raise InputError(f"{drive.path}: {key}: found nothing, needed an image, or labels to show instead")
+        raise InputError(f"{drive.path}: {key}: found nothing, expected an image, or labels to show instead")
     return paint(observations.images[frame].classes, palettes(observations)[1]), False
 
 
@@ -179,7 +179,7 @@ class Overlays:
         observations = self.observations
         if not 0 <= frame < observations.num_frames:
             raise InputError(
-                f"{self.drive.path}: found {counted(observations.num_frames, 'frame')}, needed one numbered {frame}"
+                f"{self.drive.path}: found {counted(observations.num_frames, 'frame')}, expected one numbered {frame}"
             )
         background = self._background(frame)
         images: dict[str, Image] = {}

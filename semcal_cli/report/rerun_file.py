@@ -78,9 +78,9 @@ def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: 
         InputError: the suffix is another one, a file of the drive is missing or wrong, or nothing can be written.
     """
     if os.environ.get("RERUN", "").lower() in ("off", "0", "false"):
-        raise InputError("RERUN: found the viewer's library switched off in the environment, needed it on")
+        raise InputError("RERUN: the viewer's library is switched off in the environment; switch it on")
     if path.suffix != ".rrd":
-        raise InputError(f"{path}: found suffix {path.suffix!r}, needed .rrd")
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .rrd")
     has_labels = all(frame.point_labels and frame.image_labels for frame in drive.frames)
     observations = read_observations(drive) if has_labels else load_points(drive)
     if cameras:

@@ -11,10 +11,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from semcal_cli.documentation import entry_address
+from semcal_cli.errors import signed
 from semcal_cli.report.notations import T_notation, pair_notation
 from semcal_cli.result.provenance import versions
 
 PACKAGE = Path(__file__).parents[1]
+
+
+def _shown(value: Any) -> Any:
+    """Write the intervals of a text with plus-minus signs; all pages are UTF-8."""
+    return type(value)(signed(value)) if isinstance(value, str) and "+- " in value else value
+
+
 ENVIRONMENT = Environment(
     loader=PackageLoader("semcal_cli", "."),
     autoescape=True,
@@ -22,10 +30,11 @@ ENVIRONMENT = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
     keep_trailing_newline=True,
+    finalize=_shown,
 )
 """Templates by their path in the package."""
 ENVIRONMENT.globals |= {"T_notation": T_notation, "pair_notation": pair_notation}
-ENVIRONMENT.filters |= {"signed": lambda text: text.replace("+-", "\u00b1"), "counted": "{:,}".format}
+ENVIRONMENT.filters |= {"counted": "{:,}".format}
 
 
 class Reason(NamedTuple):

@@ -73,9 +73,9 @@ def uncertainty_sentences(record: CalibrationDocument, camera: Camera) -> list[s
     sentences = [
         f"The camera is within {figure(x)} cm of the stated position to the left or right, {figure(y)} cm up or down, "
         f"and {figure(z)} cm forward or back; its rotation is within {figure(pitch)} degrees in pitch, "
-        f"{figure(yaw)} in yaw and {figure(roll)} in roll. Each of these holds in 95 of 100 calibrations.",
+        f"{figure(yaw)} in yaw and {figure(roll)} in roll (95 % intervals).",
         *_in_the_image(uncertainty, camera),
-        *(f"Weak {direction}." for direction in uncertainty.weak_directions),
+        *(f"Least certain: {direction}." for direction in uncertainty.weak_directions),
     ]
     if uncertainty.label_bleed is not None:
         shift_cm = 100.0 * math.hypot(*uncertainty.label_bleed.camera_center_m)

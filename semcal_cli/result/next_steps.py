@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -72,7 +73,7 @@ def after_calibration(
         return [
             *([] if has_overlays else [("next", overlay)]),
             ("for a robot", shell("convert", result, "--to", "ros2-static-transform")),
-            ("on a later drive", f"semcal verify checks whether {result.name} still holds"),
+            ("later", f"semcal verify NEW_DRIVE {shlex.quote(str(result))}"),
         ]
     return []
 

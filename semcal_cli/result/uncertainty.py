@@ -45,6 +45,8 @@ CHECK_NAMES = dict(
 ) | {"clock": "images later (clock)"}
 """The same by the names of checks."""
 
+MIN_CM_M = 0.01
+"""Length from which on people read centimetres, in metres: below it, millimetres."""
 AHEAD_M = 10.0
 """Depth at which the error is stated in pixels."""
 STEP = 1e-4
@@ -237,8 +239,8 @@ def wide_directions(
 def _weak_directions(half_widths: Sequence[float]) -> tuple[str, ...]:
     center, rotation = wide_directions(half_widths, WEAK_M, WEAK_DEG)
     return (
-        *(f"{name}: +- {100.0 * half:.1f} cm; add frames with near objects" for name, half in center),
-        *(f"{name}: +- {half:.2f} degrees; add frames" for name, half in rotation),
+        *(f"{name}, +- {lengths([half])} (frames with nearby objects would help)" for name, half in center),
+        *(f"{name}, +- {figure(half)} degrees (more frames would help)" for name, half in rotation),
     )
 
 
@@ -248,28 +250,27 @@ def intervals(half_widths: Sequence[float]) -> tuple[str, str]:
     Args:
         half_widths: (6,), metres and degrees.
     """
-    center, rotation = [1000.0 * half for half in half_widths[:3]], half_widths[3:]
     return (
-        f"x y z +- {' '.join(f'{half:.1f}' for half in center)} mm",
-        f"pitch yaw roll +- {' '.join(f'{half:.3f}' for half in rotation)} degrees",
+        f"x y z +- {lengths(half_widths[:3])}",
+        f"pitch yaw roll +- {' '.join(map(figure, half_widths[3:]))} degrees",
     )
 
 
 def widest(half_widths: Sequence[float]) -> str:
     """Format the widest of the intervals (6,), metres and degrees, of the position and of the rotation."""
     center_m, rotation_deg = max(half_widths[:3]), max(half_widths[3:])
-    return f"+- {1000.0 * center_m:.1f} mm, +- {rotation_deg:.3f} degrees (95 %)"
+    return f"+- {lengths([center_m])}, +- {figure(rotation_deg)} degrees (95 %)"
 
 
 def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
     """Format the widest 95 % intervals of a pose, the part of them by errors of K, and the error straight ahead."""
     radius_px = image_radius_px(uncertainty, camera, AHEAD_M)
-    in_image = "" if radius_px is None else f", {figure(radius_px)} px at {AHEAD_M:g} m"
+    in_image = "" if radius_px is None else f", or {figure(radius_px)} px at {AHEAD_M:g} m"
     of_intrinsics, of_K = uncertainty.half_widths_of_intrinsics.tolist(), ""
     if any(of_intrinsics):
         center_m, rotation_deg = max(of_intrinsics[:3]), max(of_intrinsics[3:])
-        of_K = f", of which K {1000.0 * center_m:.1f} mm, {rotation_deg:.3f} degrees"
-    return widest(uncertainty.half_widths) + of_K + in_image
+        of_K = f"; errors of K account for {lengths([center_m])} and {figure(rotation_deg)} degrees"
+    return widest(uncertainty.half_widths) + in_image + of_K
 
 
 def image_radius_px(uncertainty: Uncertainty, camera: Camera, depth_m: float) -> float | None:
@@ -308,6 +309,12 @@ def _motions(camera: Camera, depth_m: float) -> NDArray[np.float64]:
     # p moves by rho + phi x p.
     cross = np.array([[0.0, -depth_m, 0.0], [depth_m, 0.0, 0.0], [0.0, 0.0, 0.0]])
     return np.asarray(np.hstack([jacobian, -jacobian @ cross]))
+
+
+def lengths(values_m: Sequence[float]) -> str:
+    """Format the lengths of one line, in metres, to two significant digits: in cm, or in mm if all are below 1 cm."""
+    scale, unit = (100.0, "cm") if max(map(abs, values_m)) >= MIN_CM_M else (1000.0, "mm")
+    return f"{' '.join(figure(scale * value) for value in values_m)} {unit}"
 
 
 def figure(value: float) -> str:

@@ -62,11 +62,11 @@ def check_motion(config: SynthConfig) -> None:
     for option, value in {"--delay-ms": config.delay_ms, "--readout-ms": config.readout_ms}.items():
         if value != 0.0 and config.motion == "none":
             raise InputError(
-                f"{option}: found {value:g}, needed --motion steady or mixed, without which it has no effect"
+                f"{option}: found {value:g}; add --motion steady or mixed, without which it has no effect"
             )
     if config.readout_direction != SynthConfig.readout_direction and config.readout_ms == 0.0:
         problem = f"--readout-direction: found {config.readout_direction}"
-        raise InputError(f"{problem}, needed --readout-ms, without which it has no effect")
+        raise InputError(f"{problem}; add --readout-ms, without which it has no effect")
 
 
 def vehicle_motion(config: SynthConfig, number: int) -> VehicleMotion | None:

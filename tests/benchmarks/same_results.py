@@ -335,7 +335,7 @@ def main(
     before, after, work, data = before.absolute(), after.absolute(), work.resolve(), data.resolve()
     listed = read_cases(cases, data)
     if unknown := set(only) - {*listed, "real"}:
-        raise InputError(f"--only: found {min(unknown)!r}, needed one of: {', '.join(listed)}")
+        raise InputError(f"--only: found {min(unknown)!r}, expected one of: {', '.join(listed)}")
     if data.is_dir():
         listed |= real_cases(work, data)
     rows, differences, fails = [], [], False

@@ -77,7 +77,7 @@ def real_frames(path: Path) -> Iterator[tuple[Figures, Figures]]:
     """Read a drive with a reference transform."""
     drive = read_drive(path)
     if drive.T_camera_lidar is None:
-        raise click.UsageError(f"{drive.path}: T_camera_lidar: found nothing, needed a transform")
+        raise click.UsageError(f"{drive.path}: T_camera_lidar: found nothing, expected a transform")
     observations = load_observations(drive)
     for number in range(observations.num_frames):
         yield describe_frame(observations.of_frames([number]), np.array(drive.T_camera_lidar))

@@ -46,7 +46,7 @@ RIGID = 1e-9
 SAME_ROTATION, SAME_M = 1e-7, 1e-2
 """Largest difference of a transform that was written and read again. Angles lose half of their digits close to a pitch
 of 90 degrees, and the arm may be as long as 100 km."""
-OF_DRIVES = "needed each drive once"
+OF_DRIVES = "expected each drive once"
 """End of the messages that name two drives of a fleet and no file."""
 VERSION = b"VERSION"
 """Text in a stored record that stands for the version of semcal, which a record must name."""

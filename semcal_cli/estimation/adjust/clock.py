@@ -127,10 +127,10 @@ def notes_on_clock(data: LoadedDrive, clock: ClockUncertainty | None) -> tuple[s
         return ()
     sigma_ms = 1e3 * clock.sigma_s
     if clock.is_checked:
-        later = "later" if clock.offset_s > 0.0 else "earlier"
+        late = "late" if clock.offset_s > 0.0 else "early"
         return (
-            f"images seem to be {1e3 * abs(clock.offset_s):.1f} +- {sigma_ms:.1f} ms {later} than the drive says, "
-            "which the interval includes: --estimate-delay corrects the pose",
+            f"images are {1e3 * abs(clock.offset_s):.1f} +- {sigma_ms:.1f} ms {late}; the interval allows for it, and "
+            "--estimate-delay corrects the pose",
         )
     why = "all frames have the same motion"
     if motion.speed_m_s is not None:

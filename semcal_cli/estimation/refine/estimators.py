@@ -31,12 +31,10 @@ def make_estimator(
     """
     shared = observations.shared_settings
     if observations.has_vectors and config.estimator == "exact":
-        raise InputError(
-            "--estimator exact: found features, which have no histogram, needed --estimator mine"
-        )
+        raise InputError("--estimator exact: found features, which have no histogram; add --estimator mine")
     if observations.has_partitions and config.estimator == "mine":
         raise InputError(
-            "--estimator mine: found segments, which differ from frame to frame, needed --estimator exact"
+            "--estimator mine: found segments, which differ from frame to frame; add --estimator exact"
         )
     if config.estimator == "exact":
         if (starts := observations.starts) is None:

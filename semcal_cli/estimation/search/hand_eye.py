@@ -52,10 +52,10 @@ SETTLED = 1e-12
 MEDIAN_CHI2 = 4.351
 """Median of chi squared with the five degrees of freedom of a pair."""
 
-NO_MOTION = "the drive gives no motion, needed motion.poses or motion.twist: `semcal odometry` writes them"
-NO_IMAGES = "the drive gives no images, needed images of consecutive frames"
+NO_MOTION = "the drive gives no motion, expected motion.poses or motion.twist: `semcal odometry` writes them"
+NO_IMAGES = "the drive gives no images, expected images of consecutive frames"
 NO_PAIRS = (
-    f"no frames are consecutive, needed images at most {MAX_GAP_S} s apart: `import bag --every` keeps those of a "
+    f"no frames are consecutive, expected images at most {MAX_GAP_S} s apart: `import bag --every` keeps those of a "
     "recording"
 )
 

@@ -89,13 +89,15 @@ class Bag:
             for file in (file for path in paths for file in self._files_of(path)):
                 if any(is_same_file(file, other) for other in self._storages):
                     raise InputError(
-                        f"{file}: found twice among the parts of the recording, needed each once"
+                        f"{file}: found twice among the parts of the recording, expected each once"
                     )
                 self._storages[file] = _open(file, stack)
             self.topics = self._topics()
             counted = [topic.span for topic in self.topics if topic.span.num_messages]
             if not counted:
-                raise InputError(f"{paths[0]}: found a recording without messages, needed sweeps and images")
+                raise InputError(
+                    f"{paths[0]}: found a recording without messages, expected sweeps and images"
+                )
             self._stack = stack.pop_all()
         for file, storage in self._storages.items():
             if storage.damage:
@@ -177,7 +179,7 @@ class Bag:
                 )
         files = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES)
         if not files:
-            raise InputError(f"{path}: found no {', '.join(SUFFIXES)} in this folder, needed a recording")
+            raise InputError(f"{path}: found no {', '.join(SUFFIXES)} in this folder, expected a recording")
         return files
 
     def _topics(self) -> list[Topic]:
@@ -198,7 +200,7 @@ def _open(path: Path, stack: ExitStack) -> Storage:
     format = next((format for magic, format in FORMATS.items() if start.startswith(magic)), None)
     if format is None:
         description = f"{counted(path.stat().st_size, 'byte')} of an unknown format"
-        raise InputError(f"{path}: found {description}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
+        raise InputError(f"{path}: found {description}, expected a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
     try:
         return format.reader(source, stack)
     except InputError:  # A library is missing, or the file is gone: nothing is damaged.

@@ -221,9 +221,9 @@ class _Import:
     def _check_output(self) -> None:
         """Check, before the work begins, that the drive.yaml replaces no file that is read."""
         if is_folder(self.path):
-            raise InputError(f"{self.path}: is a folder, needed a file to write to")
+            raise InputError(f"{self.path}: is a folder, expected a file to write to")
         if any(is_same_file(self.path, file) for file in self.read):
-            raise InputError(f"{self.path}: found a file that this import reads, needed another name")
+            raise InputError(f"{self.path}: found a file that this import reads; choose another name")
         if not self.force:
             check_may_replace(self.path, lambda file, frame: True)
 
@@ -254,7 +254,7 @@ class _Import:
         if not self.request.is_resized:
             return block
         if self.video is not None or (first := self.bag.first(image)) is None:
-            raise InputError(f"--resized: found no still images in {image.name}, needed some")
+            raise InputError(f"--resized: found no still images in {image.name}, expected some")
         try:
             size = image_file(first).size
         except MessageError as error:
@@ -262,7 +262,7 @@ class _Import:
         if (converted := resized(block, size)) is None:
             sizes = [f"{width} x {height}" for width, height in (size, (block["width"], block["height"]))]
             raise InputError(
-                f"--resized: found images of {sizes[0]} pixels, needed the aspect of {sizes[1]}, as K has"
+                f"--resized: found images of {sizes[0]} pixels, expected the aspect of {sizes[1]}, as K has"
             )
         return converted
 
@@ -275,7 +275,7 @@ class _Import:
         first = self.bag.first(topic)
         if first is None:
             raise self._refusal(
-                f"{topic.name}: found no whole message, needed the intrinsics, or --intrinsics FILE"
+                f"{topic.name}: found no whole message, expected the intrinsics, or --intrinsics FILE"
             )
         try:
             self.info = read_camera_info(first)
@@ -382,7 +382,7 @@ class _Import:
                 self.trajectory.take(message, self.request.by_receipt)
             elif (frame := frame_of(message)) is not None and frame != needed:
                 kind = "sweeps" if message.topic == self.topics.points else "images"
-                self.left_out[f"{kind}: found frame {frame!r}, needed {needed!r}"] += 1
+                self.left_out[f"{kind}: found frame {frame!r}, expected {needed!r}"] += 1
             else:
                 yield message
 

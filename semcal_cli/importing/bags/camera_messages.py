@@ -55,7 +55,7 @@ def camera_block(info: CameraInfo, topic: str, *, rectified: bool) -> dict[str, 
     name = "P" if rectified else "K"
     if not any(info[name]):
         raise InputError(
-            f"{topic}: {name}: found zeros only, needed a calibrated camera, or --intrinsics FILE"
+            f"{topic}: {name}: found zeros only, expected a calibrated camera, or --intrinsics FILE"
         )
     document: dict[Any, Any] = {key: value for key, value in info.items() if key not in ("R", "P")}
     if rectified:
@@ -84,4 +84,4 @@ def check_same(message: Message, info: CameraInfo | None, start_ns: int) -> None
     if change is not None:
         seconds = (message.received_ns - start_ns) / NS
         problem = f"found other intrinsics {seconds:.3f} s after the start: {change}"
-        raise InputError(f"{message.topic.name}: {problem}; needed the same throughout")
+        raise InputError(f"{message.topic.name}: {problem}; expected the same throughout")

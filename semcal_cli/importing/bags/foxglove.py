@@ -45,7 +45,7 @@ def _header(message: Any, frame: str = "frame_id") -> SimpleNamespace:
     seconds = int(time.sec if is_json else time.seconds)
     if abs(seconds) > MAX_SECONDS:
         raise MessageError(
-            f"found a stamp of {describe(seconds)} s, needed one within {MAX_SECONDS:,} s of 1970"
+            f"found a stamp of {describe(seconds)} s, expected one within {MAX_SECONDS:,} s of 1970"
         )
     stamp = SimpleNamespace(sec=seconds, nanosec=_whole(time, "nsec" if is_json else "nanos"))
     return SimpleNamespace(stamp=stamp, frame_id=_text(message, frame))
@@ -55,7 +55,9 @@ def _whole(message: Any, name: str) -> int:
     """Read a number that is unsigned in ROS; JSON can hold any number."""
     number = int(getattr(message, name))
     if not 0 <= number <= MAX_WHOLE:
-        raise MessageError(f"found {name} {describe(number)}, needed a whole number from 0 to {MAX_WHOLE:,}")
+        raise MessageError(
+            f"found {name} {describe(number)}, expected a whole number from 0 to {MAX_WHOLE:,}"
+        )
     return number
 
 
@@ -63,7 +65,7 @@ def _text(message: Any, name: str) -> str:
     text = getattr(message, name)
     if not isinstance(text, str) or len(text) > MAX_FRAME_ID:
         raise MessageError(
-            f"found {name} {describe(text)}, needed a string of up to {MAX_FRAME_ID:,} characters"
+            f"found {name} {describe(text)}, expected a string of up to {MAX_FRAME_ID:,} characters"
         )
     return text.encode("utf-8", "replace").decode()
 
@@ -71,7 +73,7 @@ def _text(message: Any, name: str) -> str:
 def _data(message: Any) -> np.ndarray:
     data = message.data
     if not isinstance(data, (str, bytes, list)):
-        raise MessageError(f"found data {describe(data)}, needed bytes")
+        raise MessageError(f"found data {describe(data)}, expected bytes")
     content = b64decode(data, validate=True) if isinstance(data, str) else bytes(data)
     return np.frombuffer(content, np.uint8)
 
@@ -81,7 +83,7 @@ def _point_cloud(message: Any) -> SimpleNamespace:
     if pose is not None:
         position, orientation = pose.position, pose.orientation
         if any(map(float, (position.x, position.y, position.z, orientation.x, orientation.y, orientation.z))):
-            raise MessageError("found points with their own pose, needed points in their frame")
+            raise MessageError("found points with their own pose, expected points in their frame")
     if len(message.fields) > MAX_FIELDS:
         raise MessageError(f"found {len(message.fields):,} fields, needed at most {MAX_FIELDS}")
     data, step = _data(message), _whole(message, "point_stride")
@@ -218,7 +220,7 @@ def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] |
             decoder = DecoderFactory().decoder_for(encoding, schema)
         except Exception as error:  # Hostile descriptors raise errors of any kind in the libraries.
             return MessageError(f"found a schema {schema.name} that cannot be read: {reason(error)[:120]}")
-        return decoder or MessageError(f"found a schema in {describe(schema.encoding)}, needed 'protobuf'")
+        return decoder or MessageError(f"found a schema in {describe(schema.encoding)}, expected 'protobuf'")
 
     @cache
     def descriptor() -> Any:

@@ -155,7 +155,7 @@ def _converted(pixels: RawPixels, conversion: int) -> RawPixels:
 
 def _color_error(bayer: Bayer) -> MessageError:
     return MessageError(
-        f"found a colour image, needed a grey one: --bayer {bayer} states that it is a mosaic"
+        f"found a colour image, expected a grey one: --bayer {bayer} states that it is a mosaic"
     )
 
 
@@ -185,7 +185,7 @@ def _compressed(message: Message) -> ImageFile:
     suffix = suffix or (".jpg" if content.startswith(b"\xff\xd8\xff") else None)
     if suffix is None or kind == "compressedDepth":
         raise MessageError(
-            f"found {counted(len(content), 'byte')} of format {kind!r}, needed a JPEG or a PNG"
+            f"found {counted(len(content), 'byte')} of format {kind!r}, expected a JPEG or a PNG"
         )
     try:
         size = size_in_header(Path("image"), BytesIO(content))
@@ -204,7 +204,7 @@ def _pixels(message: Message, bayer: Bayer | None = None) -> RawPixels:
     _check_size(width, height)
     encoding = ENCODINGS.get(image.encoding)
     if encoding is None:
-        raise MessageError(f"found encoding {image.encoding[:40]!r}, needed one of: {', '.join(ENCODINGS)}")
+        raise MessageError(f"found encoding {image.encoding[:40]!r}, expected one of: {', '.join(ENCODINGS)}")
     scalar = np.dtype((">" if image.is_bigendian else "<") + encoding.scalar)
     row = width * encoding.channels * scalar.itemsize
     if step < row:
@@ -214,7 +214,7 @@ def _pixels(message: Message, bayer: Bayer | None = None) -> RawPixels:
             f"found {counted(len(image.data), 'byte')} of pixels, needed {(height - 1) * step + row:,}"
         )
     if encoding.conversion in (_UYVY, _YUYV) and width % 2:
-        raise MessageError(f"found {counted(width, 'column')} of {image.encoding}, needed an even number")
+        raise MessageError(f"found {counted(width, 'column')} of {image.encoding}, expected an even number")
     shape = (height, width, encoding.channels)
     strides = (step, encoding.channels * scalar.itemsize, scalar.itemsize)
     stored = np.ndarray(shape, scalar, image.data.tobytes(), 0, strides)

@@ -148,7 +148,7 @@ class Message:
             raise
         except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
             raise MessageError(
-                f"found {counted(len(self.raw), 'byte')} of something else, needed a {self.topic.type}"
+                f"found {counted(len(self.raw), 'byte')} of something else, expected a {self.topic.type}"
             ) from error
 
     def _check_sequence(self) -> None:
@@ -179,7 +179,7 @@ class Message:
             return header.stamp.sec, header.stamp.nanosec, header.frame_id
         if len(self.raw) < HEADER_BYTES:
             raise MessageError(
-                f"found {counted(len(self.raw), 'byte')}, needed a header of {HEADER_BYTES} or more"
+                f"found {counted(len(self.raw), 'byte')}, expected a header of {HEADER_BYTES} or more"
             )
         is_ros1 = self.topic.is_ros1
         # A CompressedVideo of ROS 1 does not begin with a sequence number.

@@ -117,9 +117,9 @@ def read_sweep(message: Message, stamp_ns: int, spin: Spin | None = None) -> Swe
         records = _point_cloud2(message) if message.is_a(CLOUD) else _livox(message)
     names = records.dtype.names or ()
     if not {"x", "y", "z"} <= set(names):
-        raise MessageError(f"found the fields {listed(names)}, needed x, y and z")
+        raise MessageError(f"found the fields {listed(names)}, expected x, y and z")
     if axes := [axis for axis in "xyz" if _count(records.dtype[axis]) > 1]:
-        raise MessageError(f"found several numbers in field {axes[0]!r}, needed one")
+        raise MessageError(f"found several numbers in field {axes[0]!r}, expected one")
     has_range = _has_range(records)
     if not has_range.any():
         raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
@@ -208,7 +208,7 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
     offset += 8 + 4 + 4  # timebase, point_num, and lidar_id with its reserved bytes
     if offset + 4 > len(raw):
         raise MessageError(
-            f"found {counted(len(raw), 'byte')} of something else, needed a {message.topic.type}"
+            f"found {counted(len(raw), 'byte')} of something else, expected a {message.topic.type}"
         )
     (count,) = struct.unpack_from(f"{order}I", raw, offset)
     if count == 0:
@@ -272,7 +272,7 @@ def _with_readable_times(
     time_fields = [field for field in records.dtype.names or () if field.lower() in (name.lower(), "t")]
     if len(time_fields) > 1:
         raise MessageError(
-            f"found the fields {listed(time_fields)}, any of which may hold the times, needed only one"
+            f"found the fields {listed(time_fields)}, any of which may hold the times, expected only one"
         )
     values = records[name]
     first, last = _ends(values[has_range])

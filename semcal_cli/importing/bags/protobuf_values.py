@@ -45,7 +45,7 @@ def check_values(raw: bytes, descriptor: Any) -> None:
                     num_values += size  # numbers in a row, each of one byte or more
             elif wire not in SIZES:
                 raise MessageError(
-                    f"found a group or the wire type {wire} in a Protobuf message, needed values"
+                    f"found a group or the wire type {wire} in a Protobuf message, expected values"
                 )
             place += size
             if place > end:

@@ -242,16 +242,16 @@ def _misfit(
     topics = [topic for topic in bag.of_types([ODOMETRY, POSE, *TRANSFORMS]) if topic.name != TF_STATIC]
     if topic_name not in [topic.name for topic in topics]:
         names = listed([*(topic.name for topic in topics), NO_MOTION])
-        return InputError(f"--motion: found no topic {topic_name!r} of poses, needed one of: {names}")
+        return InputError(f"--motion: found no topic {topic_name!r} of poses, expected one of: {names}")
     if not pose_sources:
         frames = listed(f"{source.frame} in {source.parent}" for source in carriers)
         return InputError(
-            f"--motion {topic_name}: found the moving frames {frames}, needed one that the LiDAR is fixed to"
+            f"--motion {topic_name}: found the moving frames {frames}, expected one that the LiDAR is fixed to"
         )
     if pose_sources[0].topic.is_a([POSE]) and not pose_sources[0].frame:
-        needed = "needed --motion-frame FRAME: a PoseStamped does not say whose pose it is"
+        needed = "add --motion-frame FRAME: a PoseStamped does not say whose pose it is"
         return InputError(f"--motion {topic_name}: {needed}")
-    needed = f"needed those of a frame that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
+    needed = f"expected those of a frame that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
     return InputError(
         f"--motion {topic_name}: found poses of {pose_sources[0].frame or 'nothing'!r}, {needed}"
     )

@@ -156,7 +156,7 @@ class Pairing:
         if self._by_receipt:
             return message.received_ns
         if message.header_ns == 0:
-            raise MessageError("found a stamp of zero, needed a time, or --stamps receive")
+            raise MessageError("found a stamp of zero, expected a time, or --stamps receive")
         return message.header_ns
 
     def _takes(self, received_ns: int) -> bool:

@@ -129,7 +129,7 @@ OF_INTRINSICS = (
     [CAMERA_INFO],
     "--camera-info",
     "intrinsics (CameraInfo)",
-    "; needed one, or --intrinsics FILE",
+    "; expected one, or --intrinsics FILE",
 )
 """The same of the intrinsics, and what to do where there are none."""
 
@@ -184,7 +184,7 @@ def _candidates(
         matches = [topic for topic in topics if topic.name == name]
         if not matches:
             names = listed(topic.name for topic in topics)
-            raise InputError(f"{option}: found no topic {name!r} of {kind}, needed one of: {names}")
+            raise InputError(f"{option}: found no topic {name!r} of {kind}, expected one of: {names}")
         return matches
     if not topics:
         others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))

@@ -71,7 +71,7 @@ def unpack(compression: str, packed: bytes, max_bytes: int = MAX_UNPACKED_BYTES)
             if not decompressor.eof:
                 raise ValueError("found compressed data that are cut off")
             return unpacked
-    raise ValueError(f"found the compression {compression[:40]!r}, needed zstd, lz4 or bz2")
+    raise ValueError(f"found the compression {compression[:40]!r}, expected zstd, lz4 or bz2")
 
 
 def _unpack_zstd(packed: bytes, max_bytes: int) -> bytes:

@@ -231,7 +231,7 @@ def _frame(message: Message) -> _Frame:
     encoding = name.split(";")[0].lower()
     codec = next((codec for part, codec in CODECS.items() if part in encoding), None)
     if codec is None:
-        raise MessageError(f"found a video in {name[:40]!r}, needed H.264, H.265 or AV1")
+        raise MessageError(f"found a video in {name[:40]!r}, expected H.264, H.265 or AV1")
     return _Frame(codec, content.data.tobytes(), bool(message.is_a(FFMPEG) and content.flags & FFMPEG_KEY))
 
 

@@ -46,7 +46,7 @@ class Ontology(StrictModel):
     def _check_ids(cls, classes: dict[str, NamedClass]) -> dict[str, NamedClass]:
         for name, entry in classes.items():
             if not name.strip() or not name.isprintable():
-                raise ValueError(f"found {describe(name)}, needed a printable name on one line")
+                raise ValueError(f"found {describe(name)}, expected a printable name on one line")
             if not entry.ids:
                 raise ValueError(f"{name}: found no ids, needed at least one")
         check_distinct({name: [f"id {value}" for value in entry.ids] for name, entry in classes.items()})
@@ -71,7 +71,7 @@ class Ontology(StrictModel):
         for name, entry in self.classes.items():
             if len(entry.ids) != 1:
                 raise InputError(
-                    f"class {name!r}: found {counted(len(entry.ids), 'id')}, needed one: "
+                    f"class {name!r}: found {counted(len(entry.ids), 'id')}, expected one: "
                     "the label images are colours, and a palette has one colour per class"
                 )
             if entry.ids[0] > MAX_RED:
@@ -99,14 +99,14 @@ def read_ontology(name: str) -> Ontology:
     path = FOLDER / f"{name}.yaml" if is_shipped else Path(name)
     if not is_shipped and not path.suffix and not _is_there(path):
         raise InputError(
-            f"found class table {name!r}, needed a file or one of: {', '.join(ontology_names())}"
+            f"found class table {name!r}, expected a file or one of: {', '.join(ontology_names())}"
         )
     document = read_document(path)
     if isinstance(document.get("classes"), dict):
         return validate(Ontology, document, path)
     if "ignore" in document:
         raise InputError(
-            f"{path}: ignore: found next to the class names, needed the names under a key 'classes'; "
+            f"{path}: ignore: found next to the class names, expected the names under a key 'classes'; "
             "ids that no class lists are ignored anyway"
         )
     return validate(Ontology, {"classes": document}, path)

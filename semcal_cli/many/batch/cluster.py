@@ -91,7 +91,7 @@ def on_cluster(
         except CancelledError:
             raise lost from None
         except (ImportError, AttributeError) as error:
-            needed = f"needed semcal {version('semcal')} for all workers"
+            needed = f"expected semcal {version('semcal')} for all workers"
             raise InputError(f"--dask {address}: a worker found {reason(error)}, {needed}") from None
         return answer
 

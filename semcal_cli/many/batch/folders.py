@@ -26,7 +26,7 @@ OF_ALL = (LOCK, CSV, JSONL)
 OF_DRIVE = (MARKER, RECORD, LOG, TIMES, *RESULTS.values(), *(f"{name}{PART}" for name in RESULTS.values()))
 TEMPORARY = re.compile(r"\.[0-9a-f]{16}\.tmp")
 """Names of the files that `files.writing` renames when they are complete."""
-_NEEDED = "needed a folder that is new, empty or from a batch"
+_NEEDED = "expected a folder that is new, empty or from a batch"
 
 
 def check_folders(tasks: Sequence[Task], folder: Path, output: Path) -> None:
@@ -59,7 +59,7 @@ def _check_apart(drives: Iterable[str], output: Path) -> None:
                 relation = "the folder of" if results == folder else "a folder in"
                 relation = relation if shared == folder else "a folder that contains"
                 raise InputError(
-                    f"{output}: found {relation} drive {drive}, needed a folder apart from the drives"
+                    f"{output}: found {relation} drive {drive}, expected a folder apart from the drives"
                 )
 
 
@@ -71,13 +71,13 @@ def _check_distinct_folders(drives: Iterable[str]) -> None:
         if owner != drive:
             raise InputError(
                 f"{owner}, {drive}: found two drives whose results would go to the same folder {folder_of(drive)}, "
-                "needed different names or two batches"
+                "expected different names or two batches"
             )
     for folder, drive in owners.items():
         for path in (folder, *folder.parents[:-1]):
             if path.name in (OF_DRIVE if path.parent in owners else ()) or str(path) in OF_ALL:
                 raise InputError(
-                    f"{drive}: found a drive whose results would go to {path}, a file of the batch, needed another name"
+                    f"{drive}: found a drive whose results would go to {path}, a file of the batch; choose another name"
                 )
 
 
@@ -170,7 +170,9 @@ def _find_folder(task: Task, folder: Path, output: Path) -> Path | None:
         path /= part
         kind = kind_of(path)
         if kind == LINK:
-            raise InputError(f"{output / path.relative_to(folder)}: found a link, needed a folder or nothing")
+            raise InputError(
+                f"{output / path.relative_to(folder)}: found a link, expected a folder or nothing"
+            )
         if kind != FOLDER:
             return None
     return path

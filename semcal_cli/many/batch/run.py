@@ -67,7 +67,7 @@ def run_batch(
     def check_result(outcome: Outcome) -> Outcome:
         if outcome.result is None or kind_of(folder / outcome.result) == FILE:
             return outcome
-        reason = f"{folder / outcome.result}: found no file when the run ended, needed the result"
+        reason = f"{folder / outcome.result}: found no file when the run ended, expected the result"
         return failed_outcome(outcome.drive, reason)
 
     with claim_folder(folder) as lock:

@@ -66,7 +66,7 @@ def folder_of(drive: str) -> PurePosixPath:
 def _expand(argument: str, stdin: TextIO | None) -> list[str]:
     if argument == "-":
         if stdin is None:
-            raise InputError("standard input: found none, needed a list of drives")
+            raise InputError("standard input: found none, expected a list of drives")
         return _read_list(stdin.buffer.read(MAX_DOCUMENT_BYTES + 1), "standard input")
     path = Path(argument)
     if path.suffix.lower() in LIST_SUFFIXES and not is_folder(path):
@@ -77,7 +77,9 @@ def _expand(argument: str, stdin: TextIO | None) -> list[str]:
 def _read_list(content: bytes, source: str) -> list[str]:
     """Read names of drives, one on each line; empty lines and lines that begin with # are ignored."""
     if len(content) > MAX_DOCUMENT_BYTES:
-        raise InputError(f"{source}: found more than {MAX_DOCUMENT_BYTES >> 20} MiB, needed a list of drives")
+        raise InputError(
+            f"{source}: found more than {MAX_DOCUMENT_BYTES >> 20} MiB, expected a list of drives"
+        )
     names = []
     for number, line in enumerate(content.removeprefix(codecs.BOM_UTF8).splitlines(), start=1):
         where = f"{source}: line {number}: "
@@ -97,7 +99,7 @@ def _check_name(name: str, where: str = "") -> str:
         and len(name.encode()) <= MAX_NAME_BYTES
     ):
         return name
-    needed = f"needed one line of UTF-8 text of at most {MAX_NAME_BYTES:,} bytes"
+    needed = f"expected one line of UTF-8 text of at most {MAX_NAME_BYTES:,} bytes"
     raise InputError(f"{where}{printable(text[:MAX_SHOWN])}: found an invalid file name, {needed}")
 
 
@@ -115,7 +117,7 @@ def _matches(name: str) -> list[str]:
     except (OSError, ValueError) as error:
         raise InputError(f"{name}: found an invalid pattern: {' '.join(str(error).splitlines())}") from None
     if not matches:
-        raise InputError(f"{name}: found no match for this pattern, needed drives")
+        raise InputError(f"{name}: found no match for this pattern, expected drives")
     return matches
 
 

@@ -28,7 +28,7 @@ from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_document import Rig
 from semcal_cli.result.calibration_document import CalibrationDocument, Status
 from semcal_cli.result.provenance import versions
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.uncertainty import Uncertainty, figure, lengths
 
 WORST_FIRST: tuple[Status, ...] = ("not_trusted", "not_assessed", "trusted")
 
@@ -73,7 +73,7 @@ class CameraPair:
         """Distance from the reference in words; empty without one."""
         if self.error is None or self.reference is None:
             return ""
-        distance = f"{10.0 * self.error.camera_center_cm:.1f} mm and {self.error.rotation_deg:.3f} degrees"
+        distance = f"{lengths([self.error.camera_center_m])} and {figure(self.error.rotation_deg)} degrees"
         return f"{distance} from {self.reference.source}"
 
     @property

@@ -68,13 +68,15 @@ class Rig(StrictModel):
             for name in (to, *other_cameras):
                 if name not in self.cameras:
                     needed = one_of(name, self.cameras)
-                    raise ValueError(f"T_camera_camera: found camera {describe(name)}, needed {needed}")
+                    raise ValueError(f"T_camera_camera: found camera {describe(name)}, expected {needed}")
             if to in other_cameras:
-                raise ValueError(f"T_camera_camera: found {to!r} under itself, needed two different cameras")
+                raise ValueError(
+                    f"T_camera_camera: found {to!r} under itself, expected two different cameras"
+                )
             for other in other_cameras:
                 if to in self.T_camera_camera.get(other, {}):
                     raise ValueError(
-                        f"T_camera_camera: found {to!r} and {other!r} in both directions, needed one of them"
+                        f"T_camera_camera: found {to!r} and {other!r} in both directions, expected one of them"
                     )
         return self
 
@@ -100,14 +102,14 @@ class Rig(StrictModel):
             owner = owners.setdefault(drive.path.resolve(), name)
             if owner != name:
                 raise InputError(
-                    f"{self._path}: cameras: found {drive.path} for {owner!r} and {name!r}, needed a drive for each"
+                    f"{self._path}: cameras: found {drive.path} for {owner!r} and {name!r}, expected a drive for each"
                 )
         lidars = {name: drive.lidar for name, drive in drives.items() if drive.lidar is not None}
         for first, name in pairwise(lidars):
             if lidars[first] != lidars[name]:
                 raise InputError(
                     f"{self._path}: cameras: found different `lidar` blocks in the drives of {first!r} and {name!r}, "
-                    "needed the same LiDAR"
+                    "expected the same LiDAR"
                 )
         group, *other_groups = connected_cameras(drives) or [[]]
         if other_groups:
@@ -116,7 +118,7 @@ class Rig(StrictModel):
             )
             raise InputError(
                 f"{self._path}: cameras: found no cloud of {separate} among those of {connected}, "
-                "needed drives that name the same clouds, because the cameras of a rig share one LiDAR"
+                "expected drives that name the same clouds, because the cameras of a rig share one LiDAR"
             )
         return drives
 

@@ -100,12 +100,12 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
     document = read_document(path)
     if KEY not in document:
         raise InputError(
-            f"{path}: found no key {KEY}, needed the {RESULT}.yaml that `semcal calibrate` wrote for {rig.path}"
+            f"{path}: found no key {KEY}, expected the {RESULT}.yaml that `semcal calibrate` wrote for {rig.path}"
         )
     result = validate(RigResult, document, path)
     if result.cameras.keys() != drives.keys():
         raise InputError(
-            f"{path}: cameras: found {listed(result.cameras)}, needed those of {rig.path}: {listed(drives)}"
+            f"{path}: cameras: found {listed(result.cameras)}, expected those of {rig.path}: {listed(drives)}"
         )
     cameras, failures = {}, {}
     for name in drives:
@@ -117,6 +117,6 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
         cameras[name] = read_calibration(file)
         if cameras[name].rows_camera_lidar != camera.T_camera_lidar:
             raise InputError(
-                f"{file}: found a T_camera_lidar that differs from that in {path}, needed files of one run"
+                f"{file}: found a T_camera_lidar that differs from that in {path}, expected files of one run"
             )
     return combine(rig, drives, cameras, failures, result.num_sweeps)

@@ -89,12 +89,12 @@ def checked(cue: Cue, guarded: Callable[[Observe], Observe]) -> Cue:
         ValueError: frames have no such files.
     """
     if not isinstance(cue.files, tuple) or not set(cue.files) <= Frame.model_fields.keys():
-        raise ValueError(f"files: found {cue.files!r}, needed a tuple of: {', '.join(Frame.model_fields)}")
+        raise ValueError(f"files: found {cue.files!r}, expected a tuple of: {', '.join(Frame.model_fields)}")
     _check_policy(cue)
     try:
         json.dumps(cue.settings)
     except TypeError as error:
-        raise TypeError(f"config: {error}; needed a dataclass of numbers and text") from None
+        raise TypeError(f"config: {error}; expected a dataclass of numbers and text") from None
 
     def observe(drive: Drive, sweeps: SweepCache | None, is_raw: bool) -> Observations:
         observations = cue.observe(drive, sweeps, is_raw)
@@ -110,26 +110,26 @@ def _check_policy(cue: Cue) -> None:
     """Check what a cue states of itself: the types of its fields, and that they do not contradict one another."""
     for name in ("starts", "starts_alone"):
         if not isinstance(starts := getattr(cue, name), StartsConfig | None):
-            raise TypeError(f"{name}: found {describe(starts)}, needed a StartsConfig or None")
+            raise TypeError(f"{name}: found {describe(starts)}, expected a StartsConfig or None")
     if cue.starts_alone is not None and cue.starts is None:
-        raise ValueError("starts: found None beside starts_alone, needed a StartsConfig")
+        raise ValueError("starts: found None beside starts_alone, expected a StartsConfig")
     if cue.starts is not None and cue.starts.contrast is not None:
-        raise ValueError("starts: found a contrast, needed none: it is for starts_alone")
+        raise ValueError("starts: found a contrast, expected none: it is for starts_alone")
     if cue.has_partitions and cue.starts_alone is not None and cue.starts_alone.contrast is not None:
-        raise ValueError("starts_alone: found a contrast beside has_partitions=True, needed none")
+        raise ValueError("starts_alone: found a contrast beside has_partitions=True, expected none")
     for name in (field.name for field in fields(cue) if isinstance(field.default, bool)):
         if not isinstance(value := getattr(cue, name), bool):
-            raise TypeError(f"{name}: found {describe(value)}, needed True or False")
+            raise TypeError(f"{name}: found {describe(value)}, expected True or False")
     weight, scenes = cue.weight_beside_local, cue.min_scenes
     if isinstance(weight, bool) or not isinstance(weight, int | float) or not 0.0 < weight <= 1.0:
         raise ValueError(
-            f"weight_beside_local: found {describe(weight)}, needed a number above 0 and up to 1"
+            f"weight_beside_local: found {describe(weight)}, expected a number above 0 and up to 1"
         )
     if isinstance(scenes, bool) or not isinstance(scenes, int) or scenes < 1:
-        raise ValueError(f"min_scenes: found {describe(scenes)}, needed a whole number of at least 1")
+        raise ValueError(f"min_scenes: found {describe(scenes)}, expected a whole number of at least 1")
     for name in ("finds_mounting_alone", "is_coarse"):
         if getattr(cue, name) and not cue.can_find_mounting:
-            raise ValueError(f"can_find_mounting: found False beside {name}=True, needed True")
+            raise ValueError(f"can_find_mounting: found False beside {name}=True, expected True")
 
 
 def _check_stated(cue: Cue, observations: Observations) -> None:
@@ -137,14 +137,14 @@ def _check_stated(cue: Cue, observations: Observations) -> None:
     for name in ("has_partitions", "has_vectors"):
         if (observed := getattr(observations, name)) != (stated := getattr(cue, name)):
             raise ValueError(
-                f"{name}: found {observed} in what it observes, needed {stated}, as the cue states"
+                f"{name}: found {observed} in what it observes, expected {stated}, as the cue states"
             )
     if cue.starts_alone is not None and (contrast := cue.starts_alone.contrast) is not None:
         others = observations.point_class_names[1:]
         if contrast.class_weights.keys().isdisjoint(others):
             found = listed([*contrast.class_weights])
             raise ValueError(
-                f"starts_alone.contrast: found weights of {found}, needed any of {listed(others)}"
+                f"starts_alone.contrast: found weights of {found}, expected any of {listed(others)}"
             )
         if any(cloud.plain_class != 0 for cloud in observations.clouds):
             raise ValueError(
@@ -155,7 +155,7 @@ def _check_stated(cue: Cue, observations: Observations) -> None:
 def _check(observations: Observations, drive: Drive) -> None:
     """Check observations, whose counts would otherwise fail far from here, or not at all."""
     if not isinstance(observations, Observations):
-        raise TypeError(f"observe: found {describe(observations)}, needed Observations")
+        raise TypeError(f"observe: found {describe(observations)}, expected Observations")
     num_frames = len(observations.frame_observations)
     if num_frames != len(drive.frames) or observations.num_cues != 1:
         raise ValueError(
@@ -178,4 +178,6 @@ def _check_frame(where: str, frame: FrameObservation, size: tuple[int, int]) -> 
     ):
         if array.dtype != dtype or array.shape != shape:
             needed = f"{np.dtype(dtype)} of shape {shape}"
-            raise ValueError(f"{where}: {name}: found {array.dtype} of shape {array.shape}, needed {needed}")
+            raise ValueError(
+                f"{where}: {name}: found {array.dtype} of shape {array.shape}, expected {needed}"
+            )

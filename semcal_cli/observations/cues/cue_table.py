@@ -40,7 +40,7 @@ def find_cue(name: CueName) -> Cue:
     if name in CUES:
         return CUES[name]
     if (cue := PLUGINS.get(name, Cue)) is None:
-        raise InputError(f"cues: found {name!r}, needed {one_of(name, cue_names())}")
+        raise InputError(f"cues: found {name!r}, expected {one_of(name, cue_names())}")
     with PLUGINS.name_in_errors(name):
         return checked(cue, partial(PLUGINS.guard, name))
 

@@ -89,7 +89,7 @@ def observe_edges(
     edges = edges_of_sweeps(clouds, config, drive.rays)
     if not any((classes[classes != NO_CLASS] != NO_EDGE).any() for classes in edges.classes):
         raise CalibrationError(
-            f"{drive.path}: found no edges in any sweep, needed steps in range or intensity"
+            f"{drive.path}: found no edges in any sweep, expected steps in range or intensity"
         )
     if edges.spacing == 0.0:
         raise CalibrationError(
@@ -191,7 +191,7 @@ def _levels(
     strength, is_inside = gradients(camera, grey, mask, blur_px, config)
     if not is_inside.any():
         raise CalibrationError(
-            "found no pixel that is inside the lens and far enough from its border, needed image gradients"
+            "found no pixel that is inside the lens and far enough from its border, expected image gradients"
         )
     limits = np.quantile(strength[is_inside], np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1])
     levels = np.digitize(strength, limits) if limits[0] < limits[-1] else np.zeros(grey.shape)

@@ -108,7 +108,7 @@ def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Features]:
     else:
         vectors = drive.arrays.by_name[getattr(frame, key)]
     if vectors.dtype.kind not in "fiu":
-        raise InputError(f"{path}: found {vectors.dtype}, needed an array of numbers")
+        raise InputError(f"{path}: found {vectors.dtype}, expected an array of numbers")
     if not vectors.ndim or not 1 <= vectors.shape[-1] <= MAX_CHANNELS:
         raise InputError(f"{path}: found shape {vectors.shape}, needed 1 to {MAX_CHANNELS} channels")
     return path, vectors
@@ -125,7 +125,7 @@ def _coded(
     flat = [of_frame.reshape(-1, of_frame.shape[-1]) for of_frame in vectors]
     some = np.concatenate([rows[rng.integers(len(rows), size=share)] for rows in flat]).astype(np.float64)
     if not np.isfinite(some).all():
-        raise InputError(f"features of {side}: found values that are not finite, needed numbers")
+        raise InputError(f"features of {side}: found values that are not finite, expected numbers")
     mean, spread = some.mean(axis=0), some.std(axis=0)
     if not (spread > 0.0).any():
         raise CalibrationError(f"features of {side} are all the same: they say nothing about the pose")
@@ -140,7 +140,7 @@ def _coded(
     def coded(of_frame: Features) -> tuple[Features, npt.NDArray[np.uint8]]:
         scaled = ((of_frame - mean) / spread).astype(np.float16)
         if not np.isfinite(scaled).all():
-            raise InputError(f"features of {side}: found values that are not finite, needed numbers")
+            raise InputError(f"features of {side}: found values that are not finite, expected numbers")
         codes, _ = vq(scaled.reshape(-1, scaled.shape[-1]).astype(np.float32), centres.astype(np.float32))
         return scaled, codes.astype(np.uint8).reshape(scaled.shape[:-1])
 

@@ -120,7 +120,7 @@ def _standardized(values: Sequence[Numbers]) -> list[npt.NDArray[np.float16]]:
 def _intensity(drive: Drive, frame: Frame, cloud: SweepCloud) -> Numbers:
     if cloud.intensity is None:
         raise InputError(
-            f"{drive.resolve(frame.points)}: found no intensity, needed one for each point for this cue"
+            f"{drive.resolve(frame.points)}: found no intensity, expected one for each point for this cue"
         )
     values = cloud.intensity.astype(np.float64)
     if not np.isfinite(values).all():

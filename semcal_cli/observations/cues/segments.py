@@ -83,7 +83,7 @@ def observe_segments(
     rays = [drive.rays(of_sweep) for of_sweep in points]
     segmented = core.segment_sweeps(rays, config.segmentation)
     if not any(sweep.num_segments for sweep in segmented):
-        raise CalibrationError(f"{drive.path}: found no segments in any sweep, needed ground or objects")
+        raise CalibrationError(f"{drive.path}: found no segments in any sweep, expected ground or objects")
     partitions = core.turned_partitions(rays, segmented, config.num_turns)
     labelled = []
     for in_sweep, sweep, partition in zip(points, segmented, partitions, strict=True):

@@ -53,7 +53,7 @@ class ViewServer(ThreadingHTTPServer):
         try:
             super().__init__((HOST, port), Handler)
         except OSError as error:
-            raise InputError(f"--port {port}: {os_reason(error)}, needed a free port") from None
+            raise InputError(f"--port {port}: {os_reason(error)}, expected a free port") from None
 
     def answer_until_ended(self) -> None:
         """Serve until the page ends it, or until Ctrl-C."""
@@ -169,7 +169,7 @@ def _document(body: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict):
-        raise InputError("view: found no JSON object, needed one")
+        raise InputError("view: found no JSON object")
     return document
 
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, signed
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.documents import document_text, output_format
@@ -206,7 +206,7 @@ class Session:
             raise InputError(self.unlabelled)
         start = InitialPose(MovedPose.read(request).T_camera_lidar, name="the pose of the page")
         if not self._refining.acquire(blocking=False):
-            raise InputError("view: found a calibration still running, needed it to finish")
+            raise InputError("view: a calibration is still running; wait until it has finished")
         try:
             calibration = calibrate(self.data, self.config, initial_pose=start)
         finally:
@@ -216,7 +216,7 @@ class Session:
             "T": calibration.pose.tolist(),
             "status": verdict.status,
             "title": verdict.title,
-            "figures": verdict.figures,
+            "figures": signed(verdict.figures),
             "reasons": [reason.sentence for reason in verdict.reasons],
         }
 
@@ -246,7 +246,7 @@ class Session:
     def _check_frame(self, frame: object) -> None:
         num_frames = len(self.data.drive.frames)
         if not isinstance(frame, int) or isinstance(frame, bool) or not 0 <= frame < num_frames:
-            raise InputError(f"view: frame: found {frame!r}, needed one of 0 to {num_frames - 1}")
+            raise InputError(f"view: frame: found {frame!r}, expected one of 0 to {num_frames - 1}")
 
 
 def _levels(cloud: SweepCloud) -> npt.NDArray[np.uint8] | None:

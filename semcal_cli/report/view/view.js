@@ -219,11 +219,11 @@
     }
   }
   const onClick = (id, doing, work) => byId(id) && byId(id).addEventListener("click", () => during(doing, work));
-  onClick("refine", "Refining, which takes a few seconds.", async () => {
+  onClick("refine", "Refining, which takes seconds to a minute.", async () => {
     const found = await ask("refine", asked());
     leave();
     begin(found.T);
-    tell([`${found.title}. ${found.figures.replaceAll("+-", "\u00b1")}`, ...found.reasons].join("\n"), found.status);
+    tell([`${found.title}. ${found.figures}`, ...found.reasons].join("\n"), found.status);
   });
   const saved = (found) => {
     if (found.path === null) {

@@ -48,7 +48,7 @@ class Place(NamedTuple):
         before, after = self.split()
         tables = "\n".join(TABLE.findall(f"{printed}\n"))
         if not tables:
-            raise InputError(f"{self.page}: found no table to write below {self.start!r}, needed one")
+            raise InputError(f"{self.page}: found no table to write below {self.start!r}")
         line = f"Measured by `{command}` on {'; on '.join(measured)}."
         write_text(f"{before}\n\n{tables}\n{line}\n\n{after}", self.page)
 
@@ -63,7 +63,7 @@ class Place(NamedTuple):
         places = [*re.finditer(f"^({re.escape(self.start)}){content}({re.escape(END)})$", text, re.MULTILINE)]
         if len(places) != 1:
             raise InputError(
-                f"{self.page}: found {len(places)} places from a line {self.start!r} to a line {END!r}, needed one"
+                f"{self.page}: found {len(places)} places from a line {self.start!r} to a line {END!r}, expected one"
             )
         return text[: places[0].end(1)], text[places[0].start(2) :]
 

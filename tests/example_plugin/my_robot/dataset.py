@@ -12,7 +12,7 @@ def read(request: Request) -> Recording:
     frames = join_frames(
         files_by_stem(root / "clouds", ".bin"),
         image=files_by_stem(root / "images", ".png"),
-        missing=f"{root}: found no cloud with an image of its name, needed one",
+        missing=f"{root}: found no cloud with an image of its name",
     )
     return Recording(
         camera=read_intrinsics(root / "camera.yaml"),

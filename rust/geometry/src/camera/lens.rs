@@ -76,7 +76,7 @@ fn named<const N: usize>(
     let complete = values.filter(|_| given.len() == N).and_then(|values| values.try_into().ok());
     complete.ok_or_else(|| {
         let found: Vec<&str> = given.iter().map(|(key, _)| key.as_str()).collect();
-        Invalid(format!("camera.parameters: found {found:?}, needed {names:?} for {model}"))
+        Invalid(format!("camera.parameters: found {found:?}, expected {names:?} for {model}"))
     })
 }
 

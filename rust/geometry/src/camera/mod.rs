@@ -88,7 +88,7 @@ impl Camera {
             ));
         }
         if k[0][1] != 0.0 && model == "equirectangular" {
-            return Err(Invalid("camera: found a skew in K, needed none for equirectangular".into()));
+            return Err(Invalid("camera: found a skew in K, expected none for equirectangular".into()));
         }
         let focal = Vector2::new(k[0][0], k[1][1]);
         let center = Vector2::new(k[0][2], k[1][2]);

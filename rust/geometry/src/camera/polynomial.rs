@@ -76,7 +76,7 @@ impl ThinPrism {
         let [k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y] = coefficients;
         if !(tau_x.cos() * tau_y.cos() > 0.0 && tau_x.cos() > 0.0) {
             return Err(Invalid(format!(
-                "camera.distortion: found tauX {tau_x} and tauY {tau_y}, needed both within a right angle"
+                "camera.distortion: found tauX {tau_x} and tauY {tau_y}, expected both within a right angle"
             )));
         }
         let mut model = Self {
