@@ -105,6 +105,16 @@ def texts(folder: Path, count: int) -> None:
     path.write_bytes(png[:33] + whole * count + png[33:])
 
 
+def chunk_beyond_the_end(folder: Path, count: int) -> None:
+    """Let the data of a PNG state more bytes than the file has."""
+    path, image = _image(folder)
+    content = io.BytesIO()
+    image.save(content, "PNG")
+    png = content.getvalue()
+    start = png.index(b"IDAT") - 4
+    path.write_bytes(png[:start] + struct.pack(">I", count) + png[start + 4 :])
+
+
 def sqlite(column: str, value: str, folder: Path, size: int) -> None:
     """Write a recording of SQLite whose data are made by SQLite itself."""
     (folder / "a.db3").unlink(missing_ok=True)
@@ -235,6 +245,13 @@ KINDS: dict[str, Growth] = {
         100_000,
     ),
     "texts of a PNG": Growth(texts, OVERLAY, "png$", 1, 900, exit_code=0),
+    "a PNG beyond its end": Growth(
+        chunk_beyond_the_end,
+        OVERLAY,
+        "png: found a damaged image, needed an intact one$",
+        4_294_967_295,
+        4_294_967_295,
+    ),
     "blobs of SQLite": Growth(
         partial(sqlite, "data BLOB", "zeroblob({size})"),
         (*IMPORT, "a.db3"),
