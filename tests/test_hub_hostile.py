@@ -2,6 +2,7 @@
 
 import gzip
 import itertools
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from time import sleep
@@ -135,3 +136,11 @@ def test_a_redirection_s_body_is_not_read(
 
 def test_the_limits_are_those_of_the_documentation() -> None:
     assert (file_limits.ANSWER_S, file_limits.MIN_BYTES_PER_S) == (30.0, 100_000.0)
+
+
+def test_a_password_in_the_address_is_not_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_CACHE", str(tmp_path))
+    monkeypatch.setattr("huggingface_hub.constants.ENDPOINT", "http://me:secret@127.0.0.1:9")
+    with pytest.raises(InputError, match=re.escape("http://127.0.0.1:9 failed")) as error:
+        find_model(f"hf:{NAME}", 1.0)
+    assert "secret" not in str(error.value)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.config.file_limits import MAX_NETWORK_FILES
-from semcal_cli.errors import InputError, check_installed, listed, reason
+from semcal_cli.errors import InputError, check_installed, listed, reason, without_passwords
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import make_folder, write_parts, write_text
@@ -87,7 +87,9 @@ class HubName:
 
     def error(self, found: str, needed: str) -> InputError:
         """Make the error about this network."""
-        return InputError(f"{self.text}: found {found}, needed {needed}")
+        return InputError(
+            f"{self.text}: found {without_passwords(found)}, needed {without_passwords(needed)}"
+        )
 
 
 def is_hub_name(name: str) -> bool:
@@ -264,8 +266,8 @@ def _find_cached(hub: HubName, endpoint: str, error: Exception) -> Path:
         path = huggingface_hub.try_to_load_from_cache(hub.repo, file, revision=hub.revision)
         if isinstance(path, str):
             return Path(path)
-    needed = "a connection, or a copy from an earlier run"
-    raise hub.error(f"no copy in the cache, and {endpoint} failed ({reason(error)[:200]})", needed)
+    needed, failure = "a connection, or a copy from an earlier run", without_passwords(reason(error))[:200]
+    raise hub.error(f"no copy in the cache, and {endpoint} failed ({failure})", needed)
 
 
 @contextmanager
@@ -288,4 +290,5 @@ def _translated_errors(hub: HubName) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:  # The connection, the disk or a dependency of the library.
-        raise InputError(f"{hub.text}: could not be fetched: {reason(error)[:300]}") from None
+        failure = without_passwords(reason(error))[:300]
+        raise InputError(f"{hub.text}: could not be fetched: {failure}") from None
