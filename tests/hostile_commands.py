@@ -83,9 +83,13 @@ class Answer:
 
 
 def run_guarded(
-    arguments: tuple[str, ...], folder: Path, stdin: bytes = b"", said_before: bytes = b""
+    arguments: tuple[str, ...],
+    folder: Path,
+    stdin: bytes = b"",
+    said_before: bytes = b"",
+    source: Path | None = None,
 ) -> Answer:
-    """Run semcal in a folder with limits of time and memory."""
+    """Run semcal in a folder with limits of time and memory; `source` is a checkout of another version."""
     given, out, err, taken = (folder / f".{name}" for name in ("stdin", "stdout", "stderr", "taken"))
     limits = (str(GUARD_BYTES), str(MAX_CPU_S))
     given.write_bytes(stdin)
@@ -98,7 +102,7 @@ def run_guarded(
             stdin=read,
             stdout=said,
             stderr=complained,
-            env={**os.environ, **ENVIRONMENT},
+            env={**os.environ, **ENVIRONMENT, **({} if source is None else {"PYTHONPATH": str(source)})},
             start_new_session=True,
         )
         try:

@@ -105,6 +105,16 @@ def texts(folder: Path, count: int) -> None:
     path.write_bytes(png[:33] + whole * count + png[33:])
 
 
+def chunk_beyond_the_end(folder: Path, count: int) -> None:
+    """Let the data of a PNG state more bytes than the file has."""
+    path, image = _image(folder)
+    content = io.BytesIO()
+    image.save(content, "PNG")
+    png = content.getvalue()
+    start = png.index(b"IDAT") - 4
+    path.write_bytes(png[:start] + struct.pack(">I", count) + png[start + 4 :])
+
+
 def sqlite(column: str, value: str, folder: Path, size: int) -> None:
     """Write a recording of SQLite whose data are made by SQLite itself."""
     (folder / "a.db3").unlink(missing_ok=True)
@@ -143,6 +153,77 @@ def _mcap(path: Path, messages: list[tuple[str, str, bytes, bytes]], *, has_inde
                 channels[kind] = writer.register_channel(f"/{kind}", encoding, key)
             writer.add_message(channels[kind], NS + number, raw, NS + number)
         writer.finish()
+
+
+def _ros1_record(kind: int, data: bytes | int, **fields: bytes) -> bytes:
+    """Write a record of ROS 1: the kind, its data or their size, and the fields of its header."""
+    named = {"op": bytes([kind]), **fields}
+    parts = [f"{name}=".encode() + value for name, value in named.items()]
+    header = b"".join(struct.pack("<I", len(part)) + part for part in parts)
+    size = data if isinstance(data, int) else len(data)
+    content = b"" if isinstance(data, int) else data
+    return struct.pack("<I", len(header)) + header + struct.pack("<I", size) + content
+
+
+def _u4(number: int) -> bytes:
+    return struct.pack("<I", number)
+
+
+def _ros1(path: Path, body: Callable[[int], bytes], chunks: Callable[[int], list[int]]) -> None:
+    """Write a recording of ROS 1: chunks with their indexes, by their first bytes, and the places of chunks."""
+    connections = []
+    for key, kind in enumerate(SENSORS):
+        texts = {"type": kind.replace("/msg", "").encode(), "md5sum": b"*", "message_definition": b""}
+        parts = [f"{name}=".encode() + value for name, value in texts.items()]
+        data = b"".join(_u4(len(part)) + part for part in parts)
+        connections.append(_ros1_record(7, data, conn=_u4(key), topic=f"/{key}".encode()))
+
+    def bag(index: int, num_chunks: int) -> bytes:
+        fields = {
+            "index_pos": struct.pack("<Q", index),
+            "conn_count": _u4(len(SENSORS)),
+            "chunk_count": _u4(num_chunks),
+        }
+        return b"#ROSBAG V2.0\n" + _ros1_record(3, b"", **fields)
+
+    start = len(bag(0, 0))
+    middle, places = body(start), chunks(start)
+    infos = [
+        _ros1_record(
+            6,
+            bytes(8 * len(SENSORS)),
+            ver=_u4(1),
+            chunk_pos=struct.pack("<Q", place),
+            start_time=bytes(8),
+            end_time=bytes(8),
+            count=_u4(len(SENSORS)),
+        )
+        for place in places
+    ]
+    content = bag(start + len(middle), len(places)) + middle + b"".join([*connections, *infos])
+    path.write_bytes(content)
+
+
+def _ros1_index(count: int) -> list[bytes]:
+    """Write the index of a chunk in which all messages of all topics are at one place."""
+    return [
+        _ros1_record(4, bytes(12 * count), ver=_u4(1), conn=_u4(key), count=_u4(count))
+        for key in range(len(SENSORS))
+    ]
+
+
+def shared_index(folder: Path, count: int) -> None:
+    """Write many chunks of ROS 1 that all lead to one index of many messages."""
+    length = len(_ros1_record(5, 0, compression=b"none", size=_u4(0)))
+
+    def body(start: int) -> bytes:
+        heads = [
+            _ros1_record(5, length * (count - number - 1), compression=b"none", size=_u4(0))
+            for number in range(count)
+        ]
+        return b"".join([*heads, *_ros1_index(100 * count)])
+
+    _ros1(folder / "a.bag", body, lambda start: [start + length * number for number in range(count)])
 
 
 def protobuf_fields(folder: Path, count: int) -> None:
@@ -235,6 +316,13 @@ KINDS: dict[str, Growth] = {
         100_000,
     ),
     "texts of a PNG": Growth(texts, OVERLAY, "png$", 1, 900, exit_code=0),
+    "a PNG beyond its end": Growth(
+        chunk_beyond_the_end,
+        OVERLAY,
+        "png: found a damaged image, needed an intact one$",
+        4_294_967_295,
+        4_294_967_295,
+    ),
     "blobs of SQLite": Growth(
         partial(sqlite, "data BLOB", "zeroblob({size})"),
         (*IMPORT, "a.db3"),
@@ -261,6 +349,13 @@ KINDS: dict[str, Growth] = {
     ),
     "records without an index": Growth(
         small_records, (*IMPORT, "a.mcap", "--intrinsics", "k.yaml"), "found no", 10, 5_000_000
+    ),
+    "a shared index of ROS 1": Growth(
+        shared_index,
+        (*IMPORT, "a.bag"),
+        "found an index that is used several times, needed one a chunk$",
+        3,
+        10_000,
     ),
     "sweeps that do not fit": Growth(
         unfitting_sweeps,

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_imports import small
 from batches import NUM_DRIVES, QUICK, SEMCAL, command, make_drives, run, summary
 from click.testing import Result
 from hostile_drives import HOSTILE as HOSTILE_DRIVES, break_drive
@@ -131,6 +132,20 @@ def test_each_hostile_drive_is_named(street: Path, drives: Path, tmp_path: Path)
     for outcome, (_, message) in zip(wrong, HOSTILE_DRIVES.values(), strict=True):
         assert re.fullmatch(f"{re.escape(outcome['drive'])}/{message}", outcome["reasons"][0])
     assert len(outcomes) == NUM_DRIVES + len(HOSTILE_DRIVES)
+
+
+def test_a_recording_is_not_imported_on_the_way(drives: Path, tmp_path: Path) -> None:
+    """Its drive would lie among the results; the reason says how to make it elsewhere."""
+    recording = small(tmp_path / "recorded", "mcap library")
+    words = ["batch", str(recording.parent), "-o", str(tmp_path / "out"), *QUICK, str(drives / "000")]
+    assert run(words).exit_code == 1
+    (failed,) = summary(tmp_path / "out")
+    assert failed["status"] == "failed"
+    assert failed["reasons"] == [
+        f"{recording.parent}: found a recording, expected a drive; first import it: "
+        f"`semcal import bag {recording.parent} -o recorded_drive`"
+    ]
+    assert not [*tmp_path.rglob("recorded_drive")]
 
 
 def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_path: Path) -> None:

@@ -72,7 +72,10 @@ def test_cache_and_network_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     ("endpoint", "said"),
     [
         ("http://127.0.0.1:x", "http://127.0.0.1:x is not reachable (nonnumeric port"),
-        ("http://me:secret@127.0.0.1:9", "http://127.0.0.1:9 is not reachable"),
+        ("http://me:secret@127.0.0.1:9", "http://127.0.0.1:9 is not reachable (<urlopen error [Errno"),
+        ("http://me:secret@127.0.0.1", "http://127.0.0.1 "),
+        ("http://me:s/secret@127.0.0.1:9", "http://127.0.0.1:9 is not reachable"),
+        ("me:secret@hub", "hub: found in HF_ENDPOINT, expected an address that begins with https://"),
         (
             "file:///etc/passwd",
             "file:///etc/passwd: found in HF_ENDPOINT, expected an address that begins with https://",

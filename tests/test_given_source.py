@@ -171,3 +171,41 @@ def test_nothing_that_was_not_named_is_replaced(
     code, _, err = cli("calibrate", "kitti")
     assert (code, document.read_text()) == (1, edited)
     assert "`semcal calibrate kitti_drive` takes them" in err
+
+
+def test_an_empty_folder_gets_advice(tmp_path: Path, cli: Cli) -> None:
+    code, _, err = cli("calibrate", tmp_path, "-o", tmp_path / "c.yaml")
+    assert code == 1
+    assert err == (
+        f"semcal: error: {tmp_path}: found a folder without a drive, needed a drive.yaml, a recording or a data set; "
+        "`semcal import --help` lists what makes a drive\n"
+    )
+
+
+def test_each_sequence_is_a_drive_of_its_own(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    TREES["opencalib"](tmp_path / "road")
+    for sequence in ("1", "3"):
+        _, _, err = cli("calibrate", "road", "--sequence", sequence)
+        assert told_commands(err)[0] == [
+            "import", "opencalib", "road", "--sequence", sequence, "-o", f"{sequence}_drive",
+        ]  # fmt: skip
+        assert Path(f"{sequence}_drive/drive.yaml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("name", "drive"),
+    [("v1.2", "v1.2_drive"), ("v1.2.mcap", "v1.2_drive"), ("-v.mcap", "./-v_drive")],
+)
+def test_a_recording_names_its_drive_and_its_commands(
+    name: str, drive: str, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    small(tmp_path, "mcap library").rename(name)
+    given = f"./{name}"
+    _, _, err = cli("calibrate", given, "--from-nothing")
+    typed = given if name.startswith("-") else name
+    assert told_commands(err)[0] == ["import", "bag", typed, "--odometry", "-o", drive]
+    assert Path(drive, "drive.yaml").is_file()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import re
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -16,7 +15,7 @@ from typing import NamedTuple
 import click
 
 from semcal_cli.cli.settings import ExampleCommand
-from semcal_cli.errors import counted, describe_extra, is_installed, reason
+from semcal_cli.errors import counted, describe_extra, is_installed, reason, without_passwords
 
 HUB = "https://huggingface.co"
 TIMEOUT_S = 3.0
@@ -117,8 +116,8 @@ def _network() -> str:
     if os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "TRUE", "YES", "ON"):
         return f"not used, because HF_HUB_OFFLINE is set. {without}"
     failures = [f"no answer within {TIMEOUT_S:g} s"]
-    # A name and a password are not for those who read the report.
-    shown = re.sub(r"//[^/]*@", "//", endpoint)
+    # A name and a password are not for those who read the report; the hub answers without them, too.
+    shown = without_passwords(endpoint) if "://" in endpoint else endpoint.rpartition("@")[2]
     if not endpoint.startswith(("http://", "https://")):
         return f"{shown}: found in HF_ENDPOINT, expected an address that begins with https://. {without}"
 
@@ -128,7 +127,7 @@ def _network() -> str:
         from urllib.request import Request, urlopen
 
         try:
-            with suppress(HTTPError), urlopen(Request(endpoint, method="HEAD"), timeout=TIMEOUT_S):
+            with suppress(HTTPError), urlopen(Request(shown, method="HEAD"), timeout=TIMEOUT_S):
                 pass
             failures.clear()
         except (OSError, ValueError, HTTPException) as error:

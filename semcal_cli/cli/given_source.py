@@ -21,8 +21,17 @@ from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.settings import typed_words, without_option
 from semcal_cli.cli.tables import labelled, wrapped
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
-from semcal_cli.errors import ChoiceError, InputError, OccupiedError, describe_extra, is_installed, shell
+from semcal_cli.errors import (
+    ChoiceError,
+    InputError,
+    OccupiedError,
+    describe_extra,
+    is_installed,
+    path_word,
+    shell,
+)
 from semcal_cli.files.documents import FORMATS, output_format
+from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import write_bytes
 from semcal_cli.importing.recognition import recognise
 
@@ -52,11 +61,16 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
         refuse(
             context, (*OF_RECORDINGS, *OF_DATASETS), f"is for a recording or a data set, but {given} is none"
         )
+        if is_folder(given) and not any((given / name).exists() for name in (DRIVE_FILE, RIG_FILE)):
+            needed = f"needed a {DRIVE_FILE}, a recording or a data set"
+            advice = "`semcal import --help` lists what makes a drive"
+            raise InputError(f"{given}: found a folder without a drive, {needed}; {advice}")
         return settings
     if not source.is_importable:
         raise InputError(source.advice(given))
     others = OF_DATASETS if source.is_recording else OF_RECORDINGS
     refuse(context, others, f"cannot be used with {source.name}")
+    source = replace(source, sequence=settings.sequence or source.sequence)
     drive, typed = folder_of(settings.output) / source.drive, settings
     settings = _illustrated(settings)
     _check_outputs(given, drive, typed, settings)
@@ -68,8 +82,10 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
         if source.is_recording:
             _import_recording(settings, source.root, terminal, about)
         else:
-            sequence = settings.sequence or source.sequence
-            about |= {"camera": settings.camera, "sequences": () if sequence is None else (sequence,)}
+            about |= {
+                "camera": settings.camera,
+                "sequences": () if source.sequence is None else (source.sequence,),
+            }
             dataset = OWN_SETTINGS.get(source.kind, DatasetSettings)(root=source.root, **about)
             import_dataset(source.kind, dataset, is_last=False)
         if before is not None and path.read_bytes() != before:
@@ -133,7 +149,10 @@ def typed_for(drive: Path) -> str:
     for name in (*OF_RECORDINGS, *OF_DATASETS):
         words = without_option(words, name)
     return shlex.join(
-        [*context.command_path.split(), *(str(drive) if Path(word) == given else word for word in words)]
+        [
+            *context.command_path.split(),
+            *(path_word(drive) if Path(word) == given else word for word in words),
+        ]
     )
 
 
@@ -152,7 +171,6 @@ def _options(settings: CalibrateSettings, *, is_recording: bool) -> list[str]:
     chosen = {
         "--points": settings.points,
         "--image": settings.image,
-        "--sequence": settings.sequence,
         "--camera": settings.camera,
     }
     options = [word for name, value in chosen.items() if value is not None for word in (name, value)]

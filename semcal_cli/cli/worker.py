@@ -9,9 +9,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import click
+
 from semcal_cli.cli import Ending, run
 from semcal_cli.cli.ci import GITHUB_ACTIONS, GITHUB_STEP_SUMMARY
 from semcal_cli.errors import os_reason
+from semcal_cli.importing.recognition import recognise
 from semcal_cli.many.batch.records import Inputs, write_record
 from semcal_cli.many.batch.run import is_of_machine
 from semcal_cli.many.batch.tasks import Outcome, Task, describe_outcome
@@ -40,7 +43,7 @@ def _run_to_files(task: Task) -> Ending:
         output = task.unfinished_result
     try:
         with _redirected(2, task.log), _redirected(1, output):
-            ending = _run(arguments)
+            ending = _refused(Path(task.path)) or _run(arguments)
             sys.stdout.flush()
             sys.stderr.flush()
         if output is not None and ending.exit_code != 1:
@@ -48,6 +51,16 @@ def _run_to_files(task: Task) -> Ending:
         return ending
     except OSError as failure:
         return Ending(1, f"{failure.filename or task.folder}: {os_reason(failure)}", failure)
+
+
+def _refused(path: Path) -> Ending | None:
+    """Refuse what is no drive but could become one: `calibrate` alone would import it, beside the results."""
+    source = recognise(path)
+    if source is None:
+        return None
+    line = source.advice(path)
+    click.echo(f"semcal: error: {line}", err=True)
+    return Ending(1, line)
 
 
 def _run(arguments: list[str]) -> Ending:

@@ -34,6 +34,13 @@ MAX_CHUNK_RECORDS = 1 << 20
 """Maximum number of records in a chunk."""
 MAX_CHUNK_DEFINITIONS = 2 << 16
 """Maximum number of schemas and channels in a chunk: the ids of each have 16 bits."""
+MAX_INDEX_ENTRIES = 30_000_000
+"""Maximum number of messages in the index of a ROS 1 recording: each takes 36 bytes of memory, and eight hours of a
+thousand messages a second have as many."""
+MAX_CONNECTIONS = 100_000
+"""Maximum number of connections of a ROS 1 recording, one for each publisher of a topic."""
+MAX_RECORD_HEADER, MAX_RECORD_FIELDS = 1 << 16, 64
+"""Maximum size of the header of a record of ROS 1, and number of its fields; those of messages have 45 bytes."""
 MAX_HELD_BYTES = 1 << 28
 """Maximum size of the messages that wait for those of other chunks at the same time."""
 MAX_SUMMARY_BYTES = 1 << 26

@@ -30,8 +30,8 @@ of a restart follows each byte of ones."""
 JPEG_SCAN, JPEG_END = b"\xff\xda", b"\xff\xd9"
 PNG_SIGNATURE_BYTES, PNG_CHUNK_BYTES = 8, 12
 """Bytes before the first chunk of a PNG, and of a chunk without its data."""
-PNG_INFLATED = (b"zTXt", b"iTXt", b"iCCP")
-"""Chunks of a PNG with compressed text or a profile."""
+PNG_INFLATED, PNG_END = (b"zTXt", b"iTXt", b"iCCP"), b"IEND"
+"""Chunks of a PNG with compressed text or a profile, and its last chunk."""
 PNG_DEPTH_AT = 24
 """Place of the byte with the bits of a PNG's numbers (its first chunk, IHDR)."""
 COLORS = ("RGB", "RGBA")
@@ -115,7 +115,9 @@ def decode_image(path: Path, content: bytes, flags: int) -> RawPixels | None:
     if content.startswith(JPEG):
         _check_scans(path, content)
     elif content.startswith(PNG):
-        content = _without_texts(content)
+        if (plain := _without_texts(content)) is None:
+            return None
+        content = plain
     pixels: Any = None
     with suppress(cv2.error):
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
@@ -145,16 +147,22 @@ def _check_scans(path: Path, content: bytes) -> None:
         found = JPEG_MARKER.search(content, found.end() + max(2, length))
 
 
-def _without_texts(content: bytes) -> bytes:
-    """Leave out the chunks of a PNG that inflate to anything, and that no image needs."""
-    kept, place, start = [], PNG_SIGNATURE_BYTES, 0
-    while place + PNG_CHUNK_BYTES <= len(content):
+def _without_texts(content: bytes) -> bytes | None:
+    """Leave out the chunks of a PNG that inflate to anything, and that no image needs; what follows its end, too.
+
+    None if a chunk states more bytes than there are, which OpenCV would allocate, or if there is no end.
+    """
+    kept, place, start, kind = [], PNG_SIGNATURE_BYTES, 0, b""
+    while kind != PNG_END:
         end = place + PNG_CHUNK_BYTES + int.from_bytes(content[place : place + 4], "big")
-        if content[place + 4 : place + 8] in PNG_INFLATED:
+        if end > len(content):
+            return None
+        kind = content[place + 4 : place + 8]
+        if kind in PNG_INFLATED:
             kept.append(content[start:place])
             start = end
         place = end
-    return b"".join([*kept, content[start:]]) if kept else content
+    return b"".join([*kept, content[start:place]])
 
 
 def has_16_bits(path: Path) -> bool:

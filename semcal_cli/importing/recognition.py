@@ -12,7 +12,7 @@ from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import counted, shell
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.importing import DATASETS, Dataset
-from semcal_cli.importing.bags.recording_files import METADATA, is_recording
+from semcal_cli.importing.bags.recording_files import METADATA, SUFFIXES, is_recording
 from semcal_cli.importing.dataset_tree import CLOUD_SUFFIXES, IMAGE_SUFFIXES
 
 BAG, DRIVES, FOLDER = "bag", "drives", "folder"
@@ -60,7 +60,8 @@ class Recognised:
     def drive(self) -> Path:
         """Name for the drive that is made of it, in the working folder."""
         root = self.root.resolve()
-        return Path(f"{self.sequence or (root.stem if root.is_file() else root.name)}_drive")
+        name = root.stem if root.is_file() and root.suffix.lower() in SUFFIXES else root.name
+        return Path(f"{(self.sequence or name).replace('/', '_')}_drive")
 
     def command(self, output: Path, *options: str) -> str:
         """Write the command that makes a drive of it, or that calibrates the drives."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.config.file_limits import MAX_NETWORK_FILES
-from semcal_cli.errors import InputError, check_installed, contrast, listed, reason
+from semcal_cli.errors import InputError, check_installed, contrast, listed, reason, without_passwords
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import make_folder, write_parts, write_text
@@ -90,7 +90,7 @@ class HubName:
 
     def error(self, found: str, needed: str) -> InputError:
         """Make the error about this network."""
-        return InputError(f"{self.text}: {contrast(found, needed)}")
+        return InputError(f"{self.text}: {contrast(without_passwords(found), without_passwords(needed))}")
 
 
 def is_hub_name(name: str) -> bool:
@@ -302,10 +302,11 @@ def _find_cached(hub: HubName, endpoint: str, error: Exception) -> Path:
         path = huggingface_hub.try_to_load_from_cache(hub.repo, file, revision=hub.revision)
         if isinstance(path, str):
             return Path(path)
+    shown, failure = without_passwords(endpoint), without_passwords(reason(error))[:200]
     raise InputError(
-        f"{hub.text}: cannot reach {endpoint} ({reason(error)[:200]}), and the network is not cached. Fetch it where "
-        f"there is a network, and copy the cache ({huggingface_hub.constants.HF_HUB_CACHE}) here; or calibrate without "
-        "labels, from a start: --init FILE"
+        f"{hub.text}: cannot reach {shown} ({failure}), and the network is not cached. Fetch it where there is a "
+        f"connection by `semcal label --download {hub.text} --to DIR`, and set HF_HUB_CACHE=DIR here; or calibrate "
+        "without labels, from a start: --init FILE"
     )
 
 
@@ -329,4 +330,5 @@ def _translated_errors(hub: HubName) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:  # The connection, the disk or a dependency of the library.
-        raise InputError(f"{hub.text}: could not be fetched: {reason(error)[:300]}") from None
+        failure = without_passwords(reason(error))[:300]
+        raise InputError(f"{hub.text}: could not be fetched: {failure}") from None

@@ -139,6 +139,8 @@ class Ended(NamedTuple):
 
     seconds: float
     """Wall-clock time."""
+    cpu_s: float
+    """Processor time."""
     peak_gib: float
     """Largest resident memory."""
     messages: str
@@ -163,7 +165,7 @@ def run_process(command: Sequence[str]) -> Ended:
     code = process.returncode = os.waitstatus_to_exitcode(status)
     if code not in (0, 3):
         raise CalibrationError(f"{' '.join(command)}: exit code {code}: {' '.join(messages.split()[-30:])}")
-    return Ended(perf_counter() - begin, usage.ru_maxrss / 2**20, messages)
+    return Ended(perf_counter() - begin, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20, messages)
 
 
 def seconds_of(*arguments: object) -> float:

@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing of the documents that semcal reads, by atheris (`pip install '.[dev]'`).
+"""Coverage-guided fuzzing of the files and answers that semcal reads, by atheris (`pip install '.[dev]'`).
 
     python tests/fuzz/documents.py drive -max_total_time=600 /tmp/found tests/fuzz/corpus/drive
 
@@ -7,8 +7,8 @@ the run, and its input is written. `-merge=1` adds what is new in the second fol
 
     python tests/fuzz/documents.py --runs 3000
 
-tries so many inputs for each of them, from the stored corpus. With PYTHONHASHSEED=0 they are the same ones every time,
-however fast the machine is. `--seed 2` tries others.
+tries so many inputs for each of them, fewer of recordings, from the stored corpus. With PYTHONHASHSEED=0 they are the
+same ones every time, however fast the machine is. `--seed 2` tries others.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ with redirect_stderr(io.StringIO()), atheris.instrument_imports(["semcal_cli"], 
 from mutation import mutate
 
 CORPUS = Path(__file__).parent / "corpus"
-LIMITS = ("-timeout=20", "-rss_limit_mb=2048", "-max_len=4096")
-"""Of one input: seconds, and megabytes of memory; short documents say all that long ones do."""
+LIMITS = ("-timeout=20", "-rss_limit_mb=2048")
+"""Of one input: seconds, and megabytes of memory."""
 SHOWN_LINES = 60
 """Last lines of the log of a finding, which are shown."""
 
@@ -54,7 +54,7 @@ def fuzz(name: str, options: Sequence[str], folder: Path, log: Path | None = Non
     target = TARGETS[name]
     target.prepare(folder)
     atheris.Setup(
-        [sys.argv[0], *LIMITS, *options],
+        [sys.argv[0], *LIMITS, f"-max_len={target.max_bytes}", *options],
         lambda content: check(target, content, folder),
         custom_mutator=lambda data, size, seed: mutate(data, size, seed, atheris.Mutate),
     )
@@ -77,7 +77,8 @@ def fuzz_all(runs: int, seed: int, memory: Path) -> bool:
         for name in names[first : first + num_jobs]:
             new, found = memory / f"{name}-new", Path(tempfile.gettempdir()) / f"fuzz-{name}-"
             new.mkdir()
-            options = [f"-seed={seed}", f"-runs={runs}", f"-artifact_prefix={found}", str(new)]
+            runs_of_it = round(TARGETS[name].share * runs)
+            options = [f"-seed={seed}", f"-runs={runs_of_it}", f"-artifact_prefix={found}", str(new)]
             options.append(str(CORPUS / name))
             running[name] = fuzz_apart(name, options, memory / name, memory / f"{name}.log")
         for name, process in running.items():

@@ -17,6 +17,13 @@ from pathlib import Path
 
 import numpy as np
 from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, TREES
+from stranger_targets import (
+    check_answers,
+    check_image_file,
+    check_metadata,
+    check_recording,
+    write_recording_folder,
+)
 
 from semcal_cli.config import Limits
 from semcal_cli.drive.camera import Camera, core_camera
@@ -65,6 +72,10 @@ class Target:
     """File name for a content."""
     prepare: Callable[[Path], object] = lambda folder: None
     """Writes what else the reader needs into the document's folder, once."""
+    share: float = 1.0
+    """Share of the runs of all documents: a reader may take longer."""
+    max_bytes: int = 4096
+    """Size of the largest content: short documents say all that long ones do."""
 
 
 def check(target: Target, content: bytes, folder: Path) -> None:
@@ -358,5 +369,14 @@ TARGETS: dict[str, Target] = {
     "ply": Target(read_vertices, lambda content: "points.ply"),
     **{f"transform-{format.name}": transform_target(format) for format in FORMATS if format.has_transform},
     **{f"import-{name}": import_target(*asked) for name, asked in IMPORTS.items()},
+    **{
+        f"recording-{name}": Target(
+            check_recording, lambda content, file=file: file, share=0.3, max_bytes=8192
+        )
+        for name, file in {"mcap": "a.mcap", "ros1": "a.bag", "sqlite": "a.db3"}.items()
+    },
+    "recording-metadata": Target(check_metadata, lambda content: "metadata.yaml", write_recording_folder),
+    "image": Target(check_image_file, lambda content: "image.png"),
+    "answers": Target(check_answers, lambda content: "answers.json"),
 }
 """Every document that is read, by name."""

@@ -16,7 +16,7 @@ from zstandard import ZstdDecompressor
 
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.documents import parse_document
-from semcal_cli.files.input_files import is_folder, is_same_file, open_file, read_start, read_text
+from semcal_cli.files.input_files import is_folder, is_same_file, kind_of, open_file, read_start, read_text
 from semcal_cli.formats.node import Node
 from semcal_cli.importing.bags.mcap_file import McapFile
 from semcal_cli.importing.bags.messages import NS, Message, Span, Topic
@@ -216,9 +216,11 @@ def _metadata_files(document: dict[Any, Any], metadata: Path) -> list[Path]:
     names = Node(str(metadata), document).at("rosbag2_bagfile_information").at("relative_file_paths")
     if not isinstance(names.value, list) or not names.value:
         raise names.mismatch("a list of files")
-    files = [metadata.with_name(PurePath(str(name)).name or METADATA) for name in names.value]
-    if missing := [file.name for file in files if not file.exists()]:
-        raise InputError(f"{names.where}: found no file {missing[0]!r} in the folder")
+    stated = [names.child(index, name).text() for index, name in enumerate(names.value)]
+    files = [metadata.with_name(PurePath(name).name or METADATA) for name in stated]
+    # Path.exists raises an error on names that are too long for the system.
+    if missing := [file.name for file in files if kind_of(file) is None]:
+        raise InputError(f"{names.where}: found no file {missing[0][:60]!r} in the folder")
     return files
 
 
