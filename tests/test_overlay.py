@@ -11,12 +11,14 @@ import pytest
 from commands import invoke
 from conftest import without
 
+from semcal_cli import core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Frame, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.cues.cue_table import load_cues
+from semcal_cli.observations.cues.segments import SegmentationConfig
 from semcal_cli.observations.observations import (
     NO_CLASS,
     FrameObservation,
@@ -32,8 +34,16 @@ from semcal_cli.report.colors import (
     coloring_of,
     depth_levels,
     level_colors,
+    segment_colors,
 )
-from semcal_cli.report.overlays import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_image
+from semcal_cli.report.overlays import (
+    GREY_STRENGTH,
+    Overlays,
+    before_after,
+    draw_legend,
+    edge_image,
+    overlay_paths,
+)
 from semcal_cli.report.points import View, associated_classes, frame_points, points_in_image
 
 CAMERA = Camera(
@@ -170,10 +180,28 @@ def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Pa
     result = invoke("overlay", street, street, *options, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
     first, second = sorted((tmp_path / "out").iterdir())
-    assert (first.name, second.name) == ("000000.png", "000001.png")
+    assert (first.name, second.name) == ("000000.png", "000003.png")  # named after the frames
     image = cv2.imread(str(first))
     assert image.shape[1] == 2 * 640
     assert image.shape[0] > 360
+
+
+def test_images_are_named_after_their_frames(tmp_path: Path) -> None:
+    """Also where names are no names of files, or repeat."""
+    names = ["000025", "a/1.pcd", "a_1.pcd", "..", "000025"]
+    assert [path.name for path in overlay_paths(tmp_path, names)] == [
+        *("000025.png", "a_1.pcd.png", "a_1.pcd-000002.png", "frame.png", "000025-000004.png")
+    ]
+
+
+def test_a_legend_names_no_ground_where_none_was_found(street_observations: Observations) -> None:
+    cloud = street_observations.clouds[0]
+    above = cloud.points[cloud.points[:, 2] > 1.0]
+    for points, has_ground in ((cloud.points, True), (above, False)):
+        (segmented,) = core.segment_sweeps([points], SegmentationConfig())
+        names = " ".join(segment_colors(segmented)[1])
+        assert names.startswith("ground") == has_ground
+        assert ("no ground was found" in names) != has_ground
 
 
 def test_labels_agree_best_at_the_truth(street_observations: Observations, street_truth: np.ndarray) -> None:

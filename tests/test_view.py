@@ -260,6 +260,8 @@ def test_without_a_start_mountings_are_offered(browser: webdriver.Chrome, sessio
         browser.get(server.address)
         wait_for_move(browser, 0)
         assert serious_findings(browser) == []
+        # Forward, along x, as the menu says.
+        np.testing.assert_allclose(pose(browser)[2, :3], [1, 0, 0], atol=1e-9)
         browser.find_element(By.CSS_SELECTOR, "#mounting option:nth-child(3)").click()
         # Back, against x.
         wait(browser, lambda: np.allclose(pose(browser)[2, :3], [-1, 0, 0], atol=1e-9))

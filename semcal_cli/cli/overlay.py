@@ -28,7 +28,7 @@ class OverlaySettings(DriveSettings):
 
     calibration: Path = argument()
     output: Path = option(
-        "Folder for the images, 000000.png and so on.", "-o", "--output", required=True, metavar="DIR"
+        "Folder for the images, each named after its frame.", "-o", "--output", required=True, metavar="DIR"
     )
     against: Path | None = option("Second transform, shown next to the first.", metavar="FILE")
     by: Coloring | None = option(
@@ -101,7 +101,7 @@ def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]
     from semcal_cli.observations.frame_selection import with_few_frames
 
     few = with_few_frames(drive, settings.max_frames)
-    check_image_folder(folder, len(few.frames), read)
+    check_image_folder(folder, read)
     return few
 
 

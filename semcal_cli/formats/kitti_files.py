@@ -140,7 +140,17 @@ def _read_raw(source: Source, options: FormatOptions) -> Pose:
 
 def _make_raw(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     _check_no_camera(options)
+    _note_camera0("kitti-raw", options)
     return f"R: {_row(T_camera_lidar[:3, :3])}\nT: {_row(T_camera_lidar[:3, 3])}\n".encode()
+
+
+def _make_360(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    _note_camera0("kitti-360", options)
+    return f"{_row(inverse(T_camera_lidar)[:3])}\n".encode()
+
+
+def _note_camera0(name: str, options: FormatOptions) -> None:
+    options.note(f"--to {name}: the transform is written as that of camera 0 before rectification")
 
 
 def _check_camera(camera: str, cameras: tuple[str, ...]) -> None:
@@ -164,7 +174,10 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
         return offset_from_camera0(lines.at(options.camera)) @ T
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-        _check_no_camera(options)
+        if options.camera != CAMERAS[0]:
+            needed = f"needed --to-camera {CAMERAS[0]}, if the transform is that of the rectified camera 0"
+            found = "no --to-camera" if options.camera is None else f"--to-camera {options.camera}"
+            raise InputError(f"--to {name}: found {found}, {needed}")
         return f"{first_line}{key}: {_row(T_camera_lidar[:3])}\n".encode()
 
     equation = f"p_camera0 = {equation} p_velo; --camera P2 for another camera"
@@ -187,7 +200,7 @@ KITTI_360 = Format(
     "p_velo = T p_camera0: calib_cam_to_velo.txt, recognised by its name; camera 0 before rectification",
     lambda source: source.path.name == KITTI_360_FILE,
     lambda source, options: unrectified_camera0_pose(source.path, source.text, options),
-    lambda T_camera_lidar, options: f"{_row(inverse(T_camera_lidar)[:3])}\n".encode(),
+    _make_360,
 )
 OPENCALIB = Format(
     "opencalib",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -60,6 +61,9 @@ COLUMNS_PER_DOT_RADIUS = 640
 TEXT_COLOR = (235, 235, 235)
 MARGIN_COLOR = (32, 32, 32)
 FONT = cv2.FONT_HERSHEY_SIMPLEX
+UNSAFE = re.compile(r"[^\w.+-]")
+"""What the name of a file has not, of the name of a frame: such as the slashes between folders."""
+MAX_STEM = 100
 FONT_HEIGHT = 22
 """Height of the font's capitals at scale 1, pixels."""
 
@@ -73,9 +77,14 @@ STRONGEST = 0.99
 """Quantile of the gradients of an image from which an edge is drawn at full strength."""
 
 
-def overlay_paths(folder: Path, count: int) -> list[Path]:
-    """Name the files of the drawn frames in a folder."""
-    return [folder / f"{frame:06d}.png" for frame in range(count)]
+def overlay_paths(folder: Path, names: Sequence[str]) -> list[Path]:
+    """Name the files of drawn frames in a folder after the frames; a name that is in use gets the frame's position."""
+    paths: dict[Path, None] = {}
+    for position, name in enumerate(names):
+        stem = UNSAFE.sub("_", name)[-MAX_STEM:].lstrip(".") or "frame"
+        path = folder / f"{stem}.png"
+        paths[path if path not in paths else folder / f"{stem}-{position:06d}.png"] = None
+    return list(paths)
 
 
 def image_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
@@ -140,7 +149,7 @@ class Overlays:
             InputError: the folder cannot be made, or a frame cannot be drawn (see `write`).
         """
         make_folder(folder)
-        for frame, path in enumerate(overlay_paths(folder, self.observations.num_frames)):
+        for frame, path in enumerate(overlay_paths(folder, self.frame_names)):
             self.write(frame, path)
             yield path
 

@@ -12,7 +12,7 @@
 
   const offsets = [0, 0, 0, 0, 0, 0];  // centimetres and degrees
   const poses = [];  // poses before refining, resetting or choosing a mounting
-  let base = data.start || Object.values(data.mountings)[0];
+  let base = data.start || data.mountings[byId("mounting").value];
   let frame = 0, points = null;
   const course = [];
   let lastPose = "", best = 1e-12;
