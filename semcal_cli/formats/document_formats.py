@@ -21,6 +21,7 @@ from semcal_cli.formats.pose import (
     NumbersNotation,
     PoseNotation,
     check_transform,
+    rounded,
     transform,
 )
 from semcal_cli.geometry.arrays import Pose
@@ -109,7 +110,12 @@ def base_format(
         needed = "needed another format: the transform between two sensors does not determine these poses"
         raise InputError(f"--to {name}: poses are relative to the {base}, {needed}")
 
-    return Format(name, equation, recognises, read, make, asks)
+    def set_camera(source: Source, T_camera_lidar: Pose, options: FormatOptions) -> tuple[Any, Pose]:
+        pair = find(source.node, options)
+        T_base_optical = notation.read(pair.lidar, options) @ inverse(T_camera_lidar)
+        return pair.camera.value, T_base_optical @ inverse(pair.T_frame_optical)
+
+    return Format(name, equation, recognises, read, make, asks, set_camera=set_camera)
 
 
 RELLIS_3D_KEY = "os1_cloud_node-pylon_camera_node"
@@ -203,7 +209,7 @@ class _RotationAndTranslation:
         return check_transform(R.where, transform(R.matrix(3, 3), node.at("Pcl").numbers(3)), options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        entry["Rcl"], entry["Pcl"] = T[:3, :3].ravel().tolist(), T[:3, 3].tolist()
+        entry["Rcl"], entry["Pcl"] = rounded(T[:3, :3].ravel()), rounded(T[:3, 3])
 
 
 FAST_LIVO2 = entry_format(

@@ -32,6 +32,7 @@ FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,
     ros.COMMAND,
     ros.LAUNCH,
+    ros.LAUNCH_PY,
     ros.TF2,
     ros.APOLLO,
     bases.AUTOWARE,

@@ -34,7 +34,7 @@ from semcal_cli.formats.lenses import (
 )
 from semcal_cli.formats.matrix import directed_format
 from semcal_cli.formats.node import NUMBER, Node
-from semcal_cli.formats.pose import from_rows
+from semcal_cli.formats.pose import from_rows, rounded
 from semcal_cli.geometry.arrays import Pose
 
 KEY = "CameraExtrinsicMat"
@@ -47,11 +47,8 @@ NEAR_ROTATION = 0.1
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
 MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
 """Camera model of each number of coefficients, if the lens is not a fisheye."""
-YAML_REPLACEMENTS = (
-    (re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n"), ""),
-    (re.compile(r"!!opencv-\w+|!<tag:[^>\n]{0,200}>"), ""),
-    (re.compile(r"^([ \t]*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE), r"\1: "),
-)
+DIRECTIVE_OR_TAG = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*|!!opencv-\w+|!<tag:[^>\n]{0,200}>")
+MISSING_SPACE = re.compile(r"^([ \t]*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE)
 
 
 def is_storage(text: str) -> bool:
@@ -68,9 +65,13 @@ def _storage(source: Source) -> Node:
     text = source.text
     if text.lstrip().startswith("<"):
         return Node(str(source.path), _parse_xml(source))
-    for pattern, replacement in YAML_REPLACEMENTS:
-        text = pattern.sub(replacement, text)
+    text = MISSING_SPACE.sub(r"\1: ", blank_storage(text))
     return Node(str(source.path), parse_document(text, source.path))
+
+
+def blank_storage(text: str) -> str:
+    """Blank what is no standard YAML in a FileStorage, so that all else keeps its place."""
+    return DIRECTIVE_OR_TAG.sub(lambda match: re.sub(r"\S", " ", match[0]), text)
 
 
 def _parse_xml(source: Source) -> dict[Any, Any]:
@@ -148,7 +149,7 @@ def _is_rotated(matrix: Node) -> bool:
 
 
 def _make(T: Pose, options: FormatOptions) -> bytes:
-    lines = ["%YAML:1.0", "---", _matrix(KEY, 4, T.ravel().tolist())]
+    lines = ["%YAML:1.0", "---", _matrix(KEY, 4, rounded(T.ravel()))]
     if (camera := options.intrinsics) is not None:
         check_lens("--to opencv", camera, MIN_COUNTS)
         coefficients = coefficients_of(camera)
