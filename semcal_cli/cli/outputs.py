@@ -305,8 +305,8 @@ def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
         real_paths.add(os.path.realpath(path))
 
 
-def check_image_folder(folder: Path, read: Sequence[Path]) -> None:
-    """Check that a folder has a place for images, and that these can replace no file that is read.
+def check_image_folder(folder: Path, read: Sequence[Path], suffix: str = ".png") -> None:
+    """Check that a folder has a place for images, or files of another suffix, and that these replace nothing read.
 
     Raises:
         InputError: an image of the folder is such a file.
@@ -314,7 +314,7 @@ def check_image_folder(folder: Path, read: Sequence[Path]) -> None:
     if folder.exists() and not is_folder(folder):
         raise InputError(f"{folder}: found a file, needed a folder for images")
     real_paths = set(map(os.path.realpath, read))
-    for path in sorted(folder.glob("*.png")):
+    for path in sorted(folder.glob(f"*{suffix}")):
         if os.path.realpath(path) in real_paths:
             raise InputError(f"{path}: found a file that this run reads, needed another folder")
         if is_folder(path):
