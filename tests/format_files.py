@@ -93,6 +93,35 @@ ROBOT = (
     "<child link='nose'/></joint></robot>"
 )
 
+# A rig of DriveWorks whose camera was corrected by a turn and a shift.
+T_TURN = np.eye(4)
+T_TURN[:3, :3] = Rotation.from_euler("xyz", [1.0, -2.0, 3.0], degrees=True).as_matrix()
+T_RIG_NOMINAL = T_KIT_LIDAR @ T_LIDAR_BODY @ np.linalg.inv(T_TURN)
+RIG = {
+    "rig": {
+        "sensors": [
+            {
+                "name": "camera:front:wide:120fov",
+                "nominalSensor2Rig_FLU": {
+                    "roll-pitch-yaw": np.degrees(rpy(T_RIG_NOMINAL)).tolist(),
+                    "t": (T_RIG_NOMINAL[:3, 3] - [0.1, 0.2, -0.3]).tolist(),
+                },
+                "correction_sensor_R_FLU": {"roll-pitch-yaw": [1.0, -2.0, 3.0]},
+                "correction_rig_T": [0.1, 0.2, -0.3],
+            },
+            {
+                "name": "lidar:top",
+                "nominalSensor2Rig_FLU": {
+                    "roll-pitch-yaw": np.degrees(rpy(T_KIT_LIDAR)).tolist(),
+                    "t": T_KIT_LIDAR[:3, 3].tolist(),
+                },
+            },
+            {"name": "vehicle:can"},
+        ]
+    },
+    "version": 2,
+}
+
 FILES: dict[str, tuple[str, str, FormatOptions]] = {
     "ros2-static-transform": (
         "a.sh",
@@ -174,6 +203,58 @@ FILES: dict[str, tuple[str, str, FormatOptions]] = {
         '[{"cameras": [{"image_prefix": "left/", "ref_sensor": true}, {"image_prefix": "right/", '
         f'"cam_from_rig_rotation": {wxyz(T_ANY)}, "cam_from_rig_translation": {T_ANY[:3, 3].tolist()}}}]}}]',
         FormatOptions(),
+    ),
+    "ros2-launch-py": (
+        "a.launch.py",
+        "from launch_ros.actions import Node\nnode = Node(executable='static_transform_publisher', arguments="
+        f"{[*ARGUMENTS.split(), '--frame-id', 'os_sensor', '--child-frame-id', 'cam_optical']})\n",
+        FormatOptions(),
+    ),
+    "calibration-anywhere": (
+        "extrinsics.yaml",
+        "# Position xyz; Quaternions xyzw\n"
+        + "".join(
+            f'{name}:\n  parent: "base_link"\n  child: "{name}"\n  value: {[*T[:3, 3].tolist(), *xyzw(T)]}\n'
+            for name, T in (
+                ("front_3d_lidar", T_KIT_LIDAR),
+                ("chassis_imu", np.eye(4)),
+                ("front_stereo_camera", T_KIT_LIDAR @ T_LIDAR_BODY),
+            )
+        ),
+        FormatOptions(frame="body"),
+    ),
+    "driveworks": ("rig.json", json.dumps(RIG), FormatOptions(camera="camera:front:wide:120fov")),
+    "opencalib-json": (
+        "top_center_lidar-to-center_camera-extrinsic.json",
+        json.dumps(
+            {
+                "top_center_lidar-to-center_camera-extrinsic": {
+                    **{"sensor_name": "top_center_lidar", "target_sensor_name": "center_camera"},
+                    **{"device_type": "relational", "param_type": "extrinsic"},
+                    "param": {"time_lag": 0, "sensor_calib": {"rows": 4, "cols": 4, "data": T_ANY.tolist()}},
+                }
+            }
+        ),
+        FormatOptions(),
+    ),
+    "r3live": (
+        "r3live_config.yaml",
+        f"r3live_vio:\n  camera_ext_R: {T_LIDAR_CAMERA[:3, :3].ravel().tolist()}\n"
+        f"  camera_ext_t: {T_LIDAR_CAMERA[:3, 3].tolist()}\n",
+        FormatOptions(),
+    ),
+    "odin": (
+        "cam_in_ex.txt",
+        "Tcl_0: [\n"
+        + "".join(f"  {', '.join(words(row).split())},\n" for row in T_ANY)
+        + "]\ncam_0:\n  A11: 1\n",
+        FormatOptions(),
+    ),
+    "extrinsic-matrix": ("extrinsics.yaml", yaml.dump({"extrinsic_matrix": T_LIDAR_CAMERA.tolist()}), C2L),
+    "extrinsic-matrix, data": (
+        "extrinsics.yaml",
+        yaml.dump({"extrinsic_matrix": {"rows": 4, "cols": 4, "data": T_ANY.ravel().tolist()}}),
+        L2C,
     ),
     "tum": ("pose.txt", f"# stamp x y z qx qy qz qw\n1.5 {words(T_ANY[:3, 3])} {words(xyzw(T_ANY))}\n", L2C),
     "text": ("T.txt", "\n".join(words(row) for row in T_LIDAR_CAMERA[:3]), C2L),

@@ -214,7 +214,7 @@ ORDERS = {
     "refine C --init C": "semcal refine DRIVE --init FILE",
     "verify C C": "semcal verify DRIVE CALIBRATION",
     "report C D -o O.html": "semcal report DRIVE CALIBRATION -o FILE",
-    "overlay C D -o O": "semcal overlay DRIVE CALIBRATION -o DIR",
+    "overlay C D -o O": "semcal overlay DRIVE CALIBRATION",
     "export rerun C D -o O.rrd": "semcal export rerun DRIVE [CALIBRATION] -o FILE",
     "verify D D": "semcal verify DRIVE CALIBRATION",
     "compare C D": "",

@@ -77,6 +77,19 @@ def test_drives_that_agree_much_better_than_they_have_to_are_not_flattened() -> 
         assert np.ptp(y) > 0.3 * (SIZE[1] - BOTTOM - TOP)
 
 
+def test_the_axes_hold_the_intervals_of_drives_that_agree_far_better_than_these() -> None:
+    """All but one of a hundred times the others, which would flatten them."""
+    drives = series_of("nothing")
+    wide = [replace(drive, T_camera_lidar=TRUTH, covariance=np.diag(SIGMAS**2)) for drive in drives]
+    wide[3] = replace(wide[3], covariance=np.diag((100.0 * SIGMAS) ** 2))
+    for plot in timeline_plots(make_timeline(fleet_of(wide))):
+        path = max(re.findall(r'<path d="([^"]*)"', plot.svg), key=lambda path: path.count("M"))
+        ends = np.array(re.findall(r"[ML] [\d.-]+ ([\d.-]+)", path), float).reshape(-1, 2)
+        is_inside = ((ends > TOP) & (ends < SIZE[1] - BOTTOM)).all(axis=1)
+        assert is_inside.sum() == len(drives) - 1
+        assert np.ptp(ends, axis=1)[is_inside].min() > 10.0
+
+
 def test_a_drawing_takes_the_colours_of_the_page() -> None:
     """And has nothing that would hold for the rest of the page."""
     svg = "".join(plot.svg for plot in timeline_plots(make_timeline(fleet_of(series_of("outlier")))))

@@ -1,5 +1,6 @@
 """Intrinsics beside a transform: in a ROS camera_info, a Kalibr camchain and an OpenCV FileStorage, and into files."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -220,3 +221,75 @@ def test_calibrate_writes_the_intrinsics_too(street: Path, tmp_path: Path) -> No
     found = invoke("calibrate", street, "--init", street, "--to", "kalibr", "-o", out, "-q")
     assert found.exit_code == 0, found.output
     assert read_intrinsics(out)["K"] == [list(row) for row in read_drive(street).camera.K]
+
+
+OF_TOOLS = {
+    "ost.txt": (
+        "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n64\n\nheight\n48\n\n[narrow_stereo]\n\ncamera matrix\n"
+        "50.5 0.000000 31.5\n0.000000 51.5 23.5\n0.000000 0.000000 1.000000\n\ndistortion\n"
+        "0.1 -0.2 0.01 -0.02 0.3 \n\nrectification\n1 0 0\n0 1 0\n0 0 1\n\nprojection\n1 0 0 0\n0 1 0 0\n0 0 1 0\n",
+        5,
+    ),
+    "orb_slam.yaml": (
+        '%YAML:1.0\n\nCamera.type: "PinHole"\n# left\nCamera.fx: 50.5\nCamera.fy: 51.5\nCamera.cx: 31.5\n'
+        "Camera.cy: 23.5\nCamera.k1: 0.1\nCamera.k2: -0.2\nCamera.p1: 0.01\nCamera.p2: -0.02\n"
+        "Camera.width: 64\nCamera.height: 48\nORBextractor.nFeatures: 1000\n",
+        4,
+    ),
+    "camera_pinhole.yaml": (
+        "cam_model: Pinhole\ncam_width: 64\ncam_height: 48\nscale: 0.5\ncam_fx: 50.5\ncam_fy: 51.5\ncam_cx: 31.5\n"
+        "cam_cy: 23.5\ncam_d0: 0.1\ncam_d1: -0.2\ncam_d2: 0.01\ncam_d3: -0.02\n",
+        4,
+    ),
+    "avia.yaml": (
+        "/**:\n  ros__parameters:\n    camera: {model: Pinhole, width: 64, height: 48, scale: 1.0, fx: 50.5, fy: 51.5, "
+        "cx: 31.5, cy: 23.5, d0: 0.1, d1: -0.2, d2: 0.01, d3: -0.02}\n",
+        4,
+    ),
+    "center_camera-intrinsic.json": (
+        json.dumps(
+            {
+                "center_camera-intrinsic": {
+                    **{"sensor_name": "center_camera", "param_type": "intrinsic"},
+                    "param": {
+                        **{"img_dist_w": 64, "img_dist_h": 48},
+                        "cam_K": {
+                            "rows": 3,
+                            "cols": 3,
+                            "data": [[50.5, 0, 31.5], [0, 51.5, 23.5], [0, 0, 1]],
+                        },
+                        "cam_dist": {"rows": 1, "cols": 5, "data": [[0.1, -0.2, 0.01, -0.02, 0.3]]},
+                    },
+                }
+            }
+        ),
+        5,
+    ),
+    "calib.json": (
+        json.dumps(
+            {
+                "camera": {
+                    "camera_model": "plumb_bob",
+                    "distortion_coeffs": [0.1, -0.2, 0.01, -0.02, 0.3],
+                    "intrinsics": [50.5, 51.5, 31.5, 23.5],
+                },
+                "meta": {},
+            }
+        ),
+        5,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OF_TOOLS)
+def test_intrinsics_of_other_tools_are_read(name: str, tmp_path: Path) -> None:
+    """The size of the images, which calib.json does not state, is that of the images."""
+    text, count = OF_TOOLS[name]
+    (tmp_path / name).write_text(text)
+    found = validate(Camera, read_intrinsics(tmp_path / name, size=lambda: (64, 48)), tmp_path / name)
+    assert (found.model, found.size) == ("plumb_bob", (64, 48))
+    assert found.distortion == (0.1, -0.2, 0.01, -0.02, 0.3)[:count]
+    assert found.K == ((50.5, 0.0, 31.5), (0.0, 51.5, 23.5), (0.0, 0.0, 1.0))
+    if name == "calib.json":
+        with pytest.raises(InputError, match=r"calib.json: found no size of the images, needed images"):
+            read_intrinsics(tmp_path / name)

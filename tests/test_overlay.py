@@ -7,16 +7,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import plyfile
 import pytest
 from commands import invoke
 from conftest import without
 
+from semcal_cli import core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Frame, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.cues.cue_table import load_cues
+from semcal_cli.observations.cues.segments import SegmentationConfig
 from semcal_cli.observations.observations import (
     NO_CLASS,
     FrameObservation,
@@ -32,8 +35,17 @@ from semcal_cli.report.colors import (
     coloring_of,
     depth_levels,
     level_colors,
+    segment_colors,
 )
-from semcal_cli.report.overlays import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_image
+from semcal_cli.report.dots import DotStyle, draw_dots
+from semcal_cli.report.named_frames import named_paths
+from semcal_cli.report.overlays import (
+    GREY_STRENGTH,
+    Overlays,
+    before_after,
+    draw_legend,
+    edge_image,
+)
 from semcal_cli.report.points import View, associated_classes, frame_points, points_in_image
 
 CAMERA = Camera(
@@ -170,10 +182,28 @@ def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Pa
     result = invoke("overlay", street, street, *options, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
     first, second = sorted((tmp_path / "out").iterdir())
-    assert (first.name, second.name) == ("000000.png", "000001.png")
+    assert (first.name, second.name) == ("000000.png", "000003.png")  # named after the frames
     image = cv2.imread(str(first))
     assert image.shape[1] == 2 * 640
     assert image.shape[0] > 360
+
+
+def test_images_are_named_after_their_frames(tmp_path: Path) -> None:
+    """Also where names are no names of files, or repeat."""
+    names = ["000025", "a/1.pcd", "a_1.pcd", "..", "000025"]
+    assert [path.name for path in named_paths(tmp_path, names)] == [
+        *("000025.png", "a_1.pcd.png", "a_1.pcd-000002.png", "frame.png", "000025-000004.png")
+    ]
+
+
+def test_a_legend_names_no_ground_where_none_was_found(street_observations: Observations) -> None:
+    cloud = street_observations.clouds[0]
+    above = cloud.points[cloud.points[:, 2] > 1.0]
+    for points, has_ground in ((cloud.points, True), (above, False)):
+        (segmented,) = core.segment_sweeps([points], SegmentationConfig())
+        names = " ".join(segment_colors(segmented)[1])
+        assert names.startswith("ground") == has_ground
+        assert ("no ground was found" in names) != has_ground
 
 
 def test_labels_agree_best_at_the_truth(street_observations: Observations, street_truth: np.ndarray) -> None:
@@ -302,3 +332,54 @@ def test_edges_of_sweep_and_image_coincide_at_the_truth_alone(street: Path, stre
         brightness.append(float(np.concatenate(values).mean()))
     # Foliage is full of edges, which lie on edges of the image at any pose.
     assert brightness[1] > 1.05 * max(brightness[0], brightness[2])
+
+
+def test_points_have_a_size_an_opacity_and_an_outline() -> None:
+    """A red point on a grey image, drawn in four ways."""
+    grey, red = np.full((40, 40, 3), 100, np.uint8), np.array([[0, 0, 200]], np.uint8)
+    small, large, pale, outlined = (
+        draw_dots(grey, np.array([[20, 20]]), red, style)
+        for style in (DotStyle(), DotStyle(3), DotStyle(3, 0.5), DotStyle(3, has_outline=True))
+    )
+    changed = [int((drawing != grey).any(axis=2).sum()) for drawing in (small, large, pale, outlined)]
+    assert changed[0] < changed[1] == changed[2] < changed[3]
+    middles = [drawing[20, 20].tolist() for drawing in (large, pale, outlined)]
+    assert middles == [[0, 0, 200], [50, 50, 150], [0, 0, 200]]
+    assert (outlined[20, 24] == 0).all()
+
+
+def test_labels_and_a_video_are_drawn(street: Path, tmp_path: Path) -> None:
+    for name, options in (("bare", []), ("labels", ["--labels"])):
+        arguments = ["--by", "depth", "--max-frames", 2, "-o", tmp_path / name, *options]
+        result = invoke("overlay", street, street, *arguments, "--video", tmp_path / f"{name}.mp4")
+        assert result.exit_code == 0, result.output
+    bare, labelled = (
+        cv2.imread(str(tmp_path / name / "000000.png")).astype(int) for name in ("bare", "labels")
+    )
+    assert np.abs(bare - labelled).mean() > 10.0
+    video = cv2.VideoCapture(str(tmp_path / "labels.mp4"))
+    frames = [frame for has_frame, frame in iter(video.read, (False, None)) if has_frame]
+    assert len(frames) == 2
+    first, last = (frame[: len(labelled), : labelled.shape[1]].astype(int) for frame in frames)
+    lossy = np.abs(first - labelled).mean()
+    assert lossy < 0.5 * min(np.abs(first - bare).mean(), np.abs(last - labelled).mean())
+    assert invoke("overlay", street, street, "--video", tmp_path / "a.avi").exit_code == 1
+    assert invoke("overlay", street, street).exit_code == 2
+
+
+def test_points_are_exported_with_the_colours_of_the_image(
+    street: Path, street_truth: np.ndarray, tmp_path: Path
+) -> None:
+    result = invoke("export", "ply", street, street, "-o", tmp_path, "--max-frames", 2)
+    assert result.exit_code == 0, result.output
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["000000.ply", "000003.ply"]
+    (vertices,) = plyfile.PlyData.read(tmp_path / "000000.ply").elements
+    points = np.column_stack([vertices[axis] for axis in "xyz"])
+    drive = read_drive(street)
+    projected = points_in_image(points.astype(np.float32), street_truth, drive.camera)
+    assert len(projected.indices) == len(points) > 1000
+    image = cv2.imread(str(street / "images/000000.png"))
+    colors = np.column_stack([vertices[name] for name in ("blue", "green", "red")])[projected.indices]
+    u, v = projected.pixels.T
+    inside = (u >= 0) & (v >= 0) & (u < image.shape[1]) & (v < image.shape[0])
+    np.testing.assert_array_equal(colors[inside], image[v[inside], u[inside]])

@@ -206,6 +206,15 @@ def test_what_is_folded_is_printed(page: webdriver.Chrome) -> None:
     assert printed.startswith(b"%PDF")
     assert len(printed) > 100_000
     page.execute_script("dispatchEvent(new Event('beforeprint'))")
+    paper = {"width": 700, "height": 1000, "deviceScaleFactor": 1, "mobile": False}  # A4 within its margins
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", paper)
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    cut = (
+        "return [...document.querySelectorAll('pre')].filter((e) => e.scrollWidth > e.clientWidth + 1).length"
+    )
+    assert page.execute_script(cut) == 0
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     assert page.execute_script("return document.querySelectorAll('details:not([open])').length") == 0
     page.execute_script("dispatchEvent(new Event('afterprint'))")
     assert page.execute_script("return document.querySelectorAll('details[open]').length") == 0

@@ -14,6 +14,7 @@ from commands import invoke
 from pages import serious_findings
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
@@ -25,6 +26,8 @@ from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.reading import read_clouds
+from semcal_cli.report.points import points_in_image
+from semcal_cli.report.view.pairs import Panorama
 from semcal_cli.report.view.server import HOST, ViewServer
 from semcal_cli.report.view.session import MovedPose, Session
 
@@ -260,9 +263,68 @@ def test_without_a_start_mountings_are_offered(browser: webdriver.Chrome, sessio
         browser.get(server.address)
         wait_for_move(browser, 0)
         assert serious_findings(browser) == []
+        # Forward, along x, as the menu says.
+        np.testing.assert_allclose(pose(browser)[2, :3], [1, 0, 0], atol=1e-9)
         browser.find_element(By.CSS_SELECTOR, "#mounting option:nth-child(3)").click()
         # Back, against x.
         wait(browser, lambda: np.allclose(pose(browser)[2, :3], [-1, 0, 0], atol=1e-9))
+
+
+def click_at(browser: webdriver.Chrome, element: WebElement, x: float, y: float) -> None:
+    """Click with the mouse at a place of an element, in shares of its width and height."""
+    at = browser.execute_script(
+        "const [element, x, y] = arguments, around = element.parentElement;"
+        "element.scrollIntoView({ block: 'center' });"
+        "around.scrollLeft = x * element.clientWidth - around.clientWidth / 2;"
+        "const box = element.getBoundingClientRect();"
+        "return [Math.round(box.left + x * box.width), Math.round(box.top + y * box.height)]",
+        *(element, float(x), float(y)),
+    )
+    mouse = ActionBuilder(browser)
+    mouse.pointer_action.move_to_location(*at).click()
+    mouse.perform()
+
+
+@pytest.mark.parametrize(("count", "off_deg"), [(2, 3.0), (6, 1.0)])
+def test_pairs_that_are_clicked_give_the_pose(
+    browser: webdriver.Chrome, session: Session, street_truth: Pose, count: int, off_deg: float
+) -> None:
+    """Four clicks turn a camera that looks to the left until it looks forward; more find its position, too."""
+    bare = Session(session.data, read_clouds(session.data.drive), session.config)
+    camera = session.data.drive.camera
+    points = session.observations.clouds[0].points
+    seen = points_in_image(points, street_truth, camera)
+    is_far = (~seen.is_hidden) & (seen.ranges_m > 15.0) & (seen.ranges_m < 60.0)
+    candidates = np.flatnonzero(is_far)
+    candidates = candidates[np.argsort(seen.positions[candidates, 0])]
+    chosen = candidates[(np.linspace(0.05, 0.95, count) * len(candidates)).astype(int)]
+    panorama = Panorama.of_points(points)
+    with serving(bare) as server:
+        browser.get_log("browser")
+        browser.get(server.address)
+        wait_for_move(browser, 0)
+        browser.find_element(By.CSS_SELECTOR, "#mounting option:nth-child(2)").click()  # left, along y
+        wait(browser, lambda: np.allclose(pose(browser)[2, :3], [0, 1, 0], atol=1e-9))
+        start = pose(browser)
+        assert compare_poses(start, street_truth).rotation_deg > 80.0
+        browser.find_element(By.CSS_SELECTOR, "#picking summary").click()
+        sweep, image = (browser.find_element(By.ID, name) for name in ("sweep", "image"))
+        shown_width = "return document.getElementById('panorama').naturalWidth"
+        wait(browser, lambda: browser.execute_script(shown_width) == 1440)
+        status = browser.find_element(By.ID, "num-pairs")
+        for number, index in enumerate(chosen, start=1):
+            at = np.flatnonzero((panorama.points == points[seen.indices[index]]).all(axis=1))[0]
+            column, row = panorama.positions[at]
+            click_at(browser, sweep, column / 1440.0, row / panorama.rows)
+            wait(browser, lambda: "now click" in status.text)
+            u, v = seen.positions[index]
+            click_at(browser, image, (u + 0.5) / camera.width, (v + 0.5) / camera.height)
+            wait(browser, lambda number=number: f"{number} pair" in status.text)
+        assert serious_findings(browser) == []
+        browser.find_element(By.ID, "use-pairs").click()
+        wait(browser, lambda: not np.allclose(pose(browser), start, atol=1e-6))
+        assert compare_poses(pose(browser), street_truth).rotation_deg < off_deg
+        assert "pixels from its pixel" in browser.find_element(By.ID, "message").text
 
 
 def test_edges_are_drawn_on_edges_and_other_colours_on_the_image(

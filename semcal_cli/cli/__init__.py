@@ -60,7 +60,7 @@ SECTIONS: dict[str, dict[str, str]] = {
     },
     "Export": {
         "convert": "Convert a transform to the format of another tool.",
-        "export": "Export a drive to a viewer.",
+        "export": "Export a drive to a viewer, or as coloured points.",
     },
     "Many drives": {
         "batch": "Calibrate or verify many drives.",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.options import result_file
+from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import INPUT_FILE, argument, command, option
 from semcal_cli.config.directions import CameraFrame, Direction
 
@@ -79,9 +80,27 @@ class WrittenSettings:
 class ConvertSettings(WrittenSettings):
     """Settings of `convert`."""
 
+    rules = [
+        one_of("--to", "--into"),
+        given("--to").excludes("--into"),
+        given("--key", "--force").requires("--into"),
+    ]
     source: Path = argument(type=INPUT_FILE, metavar="IN")
     from_: str | None = format_name("Format of IN, if its content does not show it.", "--from")
-    to: str = format_name("Format to write; see --formats.", required=True)
+    to: str | None = format_name("Format to write; see --formats.")
+    into: Path | None = option(
+        "File to set the transform in, in place of --to. -o gets a copy of it in which only the numbers of the "
+        "transform change: a YAML or JSON document, a URDF or xacro, a launch file of ROS, or a calibration of KITTI "
+        "or OpenCalib.",
+        type=INPUT_FILE,
+        metavar="FILE",
+    )
+    key: str | None = option(
+        "Where --into has the transform: the keys that lead to it in a document, such as sensors.front.T, or the name "
+        "of the joint in a URDF. The value keeps its notation; angles are radians.",
+        metavar="KEY",
+    )
+    force: bool = option("Replace a file that is there, such as that of --into, by -o.", default=False)
     output: Path | None = result_file("File to write. Standard output if it is - or not given.")
     direction: Direction | None = option(DIRECTION.format("IN"))
     frame: CameraFrame | None = option(FRAME.format("IN"))
@@ -107,24 +126,28 @@ class ConvertSettings(WrittenSettings):
     help="List the formats, and exit.",
 )
 def convert(settings: ConvertSettings) -> None:
-    """Convert the transform in IN, or on standard input if IN is -, to another format.
+    """Convert the transform in IN, or on standard input if IN is -, to another format, or set it in a file.
 
     If IN is a semcal calibration or a drive, the formats camera-info, kalibr and opencv also get the intrinsics of its
     camera.
     """
     from semcal_cli.files.output_files import STANDARD_OUTPUT, check_descriptor
-    from semcal_cli.formats import convert as convert_file
+    from semcal_cli.formats import convert as convert_file, set_in_file
 
     source, output = settings.source, settings.output
     check_descriptor(output or STANDARD_OUTPUT)
     written = settings.written(on_note=partial(click.echo, err=True))
-    content = convert_file(
-        source,
-        settings.to,
-        output,
-        from_format=settings.from_,
-        read_options=settings.read(),
-        write_options=written,
-    )
+    options: dict[str, Any] = {
+        "from_format": settings.from_,
+        "read_options": settings.read(),
+        "write_options": written,
+    }
+    if settings.into is not None:
+        content = set_in_file(
+            source, settings.into, output, key=settings.key, replaces=settings.force, **options
+        )
+    else:
+        assert settings.to is not None
+        content = convert_file(source, settings.to, output, **options)
     if output is None:
         click.echo(content, nl=False)

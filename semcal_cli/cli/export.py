@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +16,7 @@ from semcal_cli.errors import check_installed, counted
 
 @click.group()
 def export() -> None:
-    """Export a drive to a viewer. To write a transform for another tool, use `semcal convert`."""
+    """Export a drive to a viewer, or as coloured points. `semcal convert` writes transforms for other tools."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +26,7 @@ class RerunSettings(DriveSettings):
     calibration: Path | None = argument()
     output: Path = option("File to write, .rrd.", "-o", "--output", required=True, metavar="FILE")
     max_frames: int = option("Write at most N evenly spaced frames.", default=20, minimum=1)
+    spawn: bool = option("Also open the file in the Rerun viewer.", default=False)
 
 
 @export.command(
@@ -68,3 +71,45 @@ def rerun(settings: RerunSettings) -> None:
     terminal.print(
         *wrapped("", f"wrote {settings.output}: {counted(len(spec.frames), 'frame')}{names}", indent=0)
     )
+    if settings.spawn:
+        viewer = [sys.executable, "-m", "rerun", str(settings.output)]
+        subprocess.Popen(viewer, stdin=subprocess.DEVNULL, start_new_session=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlySettings(DriveSettings):
+    """Settings of `export ply`."""
+
+    calibration: Path = argument()
+    output: Path = option(
+        "Folder for the files, each named after its frame.", "-o", "--output", required=True, metavar="DIR"
+    )
+    max_frames: int = option("Write at most N evenly spaced frames.", default=20, minimum=1)
+
+
+@export.command(
+    cls=SettingsCommand,
+    settings=PlySettings,
+    help="Write the points of each frame of DRIVE that the camera sees at the transform in CALIBRATION, with the "
+    f"colours of the image, as .ply. CALIBRATION is {KNOWN_TRANSFORMS}. Points are in the LiDAR frame, in metres.",
+    short_help="Coloured points, .ply.",
+)
+def ply(settings: PlySettings) -> None:
+    """Write coloured sweeps."""
+    from semcal_cli.cli.outputs import check_image_folder, files_read
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.formats import read_extrinsic
+    from semcal_cli.observations.frame_selection import with_few_frames
+    from semcal_cli.observations.reading import load_points
+    from semcal_cli.report.overlays import Overlays
+    from semcal_cli.result.applied import apply_result
+
+    whole = read_drive(settings.drive, settings.max_points)
+    check_image_folder(settings.output, files_read(whole, settings.calibration), ".ply")
+    extrinsic = read_extrinsic(settings.calibration)
+    applied = apply_result(extrinsic.record, whole, str(settings.calibration))
+    terminal = settings.terminal()
+    terminal.print_changes(applied.changes)
+    drive = with_few_frames(applied.drive, settings.max_frames)
+    overlays = Overlays(drive, load_points(drive), {"result": extrinsic.T_camera_lidar})
+    terminal.print(*map(str, overlays.write_points(settings.output)))

@@ -16,7 +16,7 @@ from semcal_cli.cli.import_ import (
     import_dataset,
     import_recording,
 )
-from semcal_cli.cli.outputs import MAX_IMAGES, check_image_folder, check_outputs, check_page, folder_of
+from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_page, folder_of
 from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.settings import typed_words, without_option
 from semcal_cli.cli.tables import labelled, wrapped
@@ -116,8 +116,6 @@ def _check_outputs(given: Path, drive: Path, typed: CalibrateSettings, settings:
     Raises:
         InputError: an output cannot be written, or a file is in the place of one whose name was not given.
     """
-    from semcal_cli.report.overlays import overlay_paths
-
     check_outputs([given], settings.output, settings.log, settings.page)
     if settings.output is not None and settings.output.name in (DRIVE_FILE, RIG_FILE):
         raise InputError(f"{settings.output}: found the name of a drive or a rig; choose another -o")
@@ -127,14 +125,14 @@ def _check_outputs(given: Path, drive: Path, typed: CalibrateSettings, settings:
         output_format(settings.output)
     check_page(settings.page)
     if settings.images is not None:
-        check_image_folder(settings.images, MAX_IMAGES, [given])
+        check_image_folder(settings.images, [given])
     for folder in (drive, settings.images):
         if folder is not None and folder.is_symlink() and folder != typed.images:
             raise InputError(f"{folder}: found a link, expected a folder or nothing")
     if not is_first or settings.force:
         return
     page = settings.page if typed.page is None else None
-    images = overlay_paths(settings.images, MAX_IMAGES) if settings.images and typed.images is None else []
+    images = sorted(settings.images.glob("*.png")) if settings.images and typed.images is None else []
     for path in filter(None, [page, *images]):
         if path.exists():
             raise InputError(

@@ -127,7 +127,7 @@ class Outputs:
         read = files_read(drive, None if initial_pose is None else initial_pose.source)
         check_page(self.page)
         if self.images is not None:
-            check_image_folder(self.images, MAX_IMAGES, read)
+            check_image_folder(self.images, read)
         if self.output is None or self.as_json:
             check_descriptor(STANDARD_OUTPUT)
         check_outputs(read, self.output, self.log, self.page)
@@ -307,18 +307,16 @@ def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
         real_paths.add(os.path.realpath(path))
 
 
-def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
-    """Check that the images would not replace files that are read.
+def check_image_folder(folder: Path, read: Sequence[Path], suffix: str = ".png") -> None:
+    """Check that a folder has a place for images, or files of another suffix, and that these replace nothing read.
 
     Raises:
-        InputError: an image would replace such a file.
+        InputError: an image of the folder is such a file.
     """
-    from semcal_cli.report.overlays import overlay_paths
-
     if folder.exists() and not is_folder(folder):
         raise InputError(f"{folder}: found a file, expected a folder for images")
     real_paths = set(map(os.path.realpath, read))
-    for path in overlay_paths(folder, count):
+    for path in sorted(folder.glob(f"*{suffix}")):
         if os.path.realpath(path) in real_paths:
             raise InputError(f"{path}: found a file that this run reads; choose another folder")
         if is_folder(path):

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import click
 
 from semcal_cli.cli.options import DriveSettings, cue_list
-from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
-from semcal_cli.cli.settings import argument, command, option
+from semcal_cli.cli.rules import FOR_ONE_CAMERA, given, one_of, refuse
+from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.config import AUTO, LABELS, CueName
 
 if TYPE_CHECKING:
@@ -26,9 +26,22 @@ Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
 class OverlaySettings(DriveSettings):
     """Settings of `overlay`."""
 
+    rules = [
+        one_of("-o", "--video"),
+        given("--labels").excludes("--by edge", because="edges are drawn there"),
+    ]
     calibration: Path = argument()
-    output: Path = option(
-        "Folder for the images, 000000.png and so on.", "-o", "--output", required=True, metavar="DIR"
+    output: Path | None = option(
+        "Folder for the images, each named after its frame.", "-o", "--output", metavar="DIR"
+    )
+    video: Path | None = output_file("File for the images as a video of 5 frames in a second: .mp4.")
+    point_size: int | None = option(
+        "Radius of the points in pixels.  [default: by the width of the images]", minimum=1, maximum=50
+    )
+    opacity: float = option("Opacity of the points.", default=1.0, above=0.0, maximum=1.0)
+    outline: bool = option("Draw a black outline around points.", default=False)
+    labels: bool = option(
+        "Draw the image labels on the images, in the colours of their classes.", default=False
     )
     against: Path | None = option("Second transform, shown next to the first.", metavar="FILE")
     by: Coloring | None = option(
@@ -40,6 +53,12 @@ class OverlaySettings(DriveSettings):
     )
     cues: tuple[CueName, ...] = cue_list()
     max_frames: int = option("Draw at most N evenly spaced frames.", default=20, minimum=1)
+
+    def styled(self, overlays: Overlays) -> Overlays:
+        """Choose how points are drawn, and whether image labels are."""
+        return overlays.styled(
+            self.point_size, self.opacity, has_outline=self.outline, draws_labels=self.labels
+        )
 
 
 @command(OverlaySettings)
@@ -59,16 +78,21 @@ def overlay(settings: OverlaySettings) -> None:
     terminal, output = settings.terminal(), settings.output
     if (rig := find_rig(settings.drive)) is None:
         overlays = _overlays(read_drive(settings.drive, settings.max_points), settings, terminal)
-        terminal.print(*map(str, overlays.write_all(output)))
+        if output is not None:
+            terminal.print(*map(str, overlays.write_all(output)))
+        if settings.video is not None:
+            overlays.write_video(settings.video)
+            terminal.print(str(settings.video))
         return
-    refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig.path))
+    refuse(click.get_current_context(), ["--against", "--video"], FOR_ONE_CAMERA.format(rig.path))
+    assert output is not None
     result, drives, read = read_rig_files(rig, settings.calibration, settings.max_points)
     drives = {name: _few(drive, settings, output / name, read) for name, drive in drives.items()}
     for name, camera in result.cameras.items():
         make_folder(output / name, output)
         cues = cues_applied(camera, settings.cues, drives[name])
-        by, observations = _observe(drives[name], settings.by, cues, "class")
-        overlays = Overlays(drives[name], observations, {name: camera.pose}, by)
+        by, observations = _observe(drives[name], settings, cues, "class")
+        overlays = settings.styled(Overlays(drives[name], observations, {name: camera.pose}, by))
         terminal.print(*map(str, overlays.write_all(output / name)))
     for name, reason in result.failures.items():
         terminal.print(f"{name}: found no transform to draw with: {reason}")
@@ -89,24 +113,26 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
         terminal.print_changes(result.changes)
     spec = applied.pop(str(calibration)).drive.model_copy(update={"frames": frames})
     cues = cues_applied(extrinsics[str(calibration)].record, settings.cues, spec)
-    by, observations = _observe(spec, settings.by, cues, "class" if against is None else "agreement")
+    by, observations = _observe(spec, settings, cues, "class" if against is None else "agreement")
     others = {name: seen_as(observations, spec, result.drive) for name, result in applied.items()}
     poses = {name: extrinsic.T_camera_lidar for name, extrinsic in extrinsics.items()}
-    return Overlays(spec, observations, poses, by, others)
+    return settings.styled(Overlays(spec, observations, poses, by, others))
 
 
-def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]) -> Drive:
+def _few(drive: Drive, settings: OverlaySettings, folder: Path | None, read: list[Path]) -> Drive:
     """Keep evenly spaced frames of a drive, and check that their images replace no input."""
-    from semcal_cli.cli.outputs import check_image_folder
+    from semcal_cli.cli.outputs import check_image_folder, check_outputs
     from semcal_cli.observations.frame_selection import with_few_frames
 
     few = with_few_frames(drive, settings.max_frames)
-    check_image_folder(folder, len(few.frames), read)
+    if folder is not None:
+        check_image_folder(folder, read)
+    check_outputs(read, settings.video)
     return few
 
 
 def _observe(
-    drive: Drive, by: Coloring | None, cues: tuple[CueName, ...], of_classes: Coloring
+    drive: Drive, settings: OverlaySettings, cues: tuple[CueName, ...], of_classes: Coloring
 ) -> tuple[Coloring, Observations]:
     """Load what the colours show of the frames of a drive, and return their meaning.
 
@@ -117,8 +143,8 @@ def _observe(
     from semcal_cli.observations.reading import load_points
     from semcal_cli.report.colors import coloring_of
 
-    sweeps = SweepCache()
-    if by in ("depth", "segment"):
+    sweeps, by, with_labels = SweepCache(), settings.by, settings.labels
+    if by in ("depth", "segment") and not with_labels:
         return by, load_points(drive)
     if by == "edge":
         return by, load_cues(drive, ("edges",))

@@ -11,7 +11,6 @@ import click
 BENCHMARK = "run `python tests/benchmarks/{}.py` in the repository"
 REMOVED = {
     ("semcal", "evaluate"): "use `semcal compare CALIBRATION REFERENCE`",
-    ("convert", "--into"): "`--to FORMAT` prints the block to paste, and `-o FILE` writes it",
     ("verify", "--init-direction"): "it is called --direction, as in `semcal convert`",
     ("initialize", "--overlay"): "`semcal overlay DRIVE FILE -o DIR` shows the pose",
     (

@@ -22,6 +22,7 @@ class ReportSettings(RunSettings):
         "Second transform, shown next to the first; if not given, that of the calibration's first stage.",
         metavar="FILE",
     )
+    is_opened: bool = option("Also open the page in the browser.", "--open", default=False)
 
 
 @command(ReportSettings)
@@ -61,3 +62,5 @@ def report(settings: ReportSettings) -> None:
             terminal.print_changes(shown.changes)
             write_report(shown, output, terminal.show)
     terminal.print(str(output))
+    if settings.is_opened:
+        click.launch(str(output))

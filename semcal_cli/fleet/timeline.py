@@ -43,7 +43,8 @@ NUM_ROWS = 2
 MARGIN = 0.03
 """Margin before the first and after the last drive, relative to the whole time span."""
 WIDEST_INTERVAL = 2.0
-"""Largest half width of an interval that is drawn in full, relative to the range of all drives."""
+"""Largest half width of an interval that is drawn in full, relative to the range of all drives or, if that is larger,
+to the median half width."""
 HEADROOM = 0.06
 MIN_RANGE = 0.02
 """Minimum range of the y axis, relative to the limit."""
@@ -223,7 +224,8 @@ def _range(timeline: Timeline, axis: int) -> tuple[float, float]:
     """
     poses, expected = timeline.poses[:, axis], timeline.expected[:, axis]
     span = max(float(np.ptp([*poses, *expected])), MIN_RANGE * float(timeline.allowed[axis]))
-    half = np.minimum(timeline.half_widths[:, axis], WIDEST_INTERVAL * span)
+    half_widths = timeline.half_widths[:, axis]
+    half = np.minimum(half_widths, WIDEST_INTERVAL * max(span, float(np.median(half_widths))))
     low = min(float(expected.min()), float((poses - half).min()))
     high = max(float(expected.max()), float((poses + half).max()))
     margin = HEADROOM * max(high - low, span)

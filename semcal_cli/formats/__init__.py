@@ -13,7 +13,7 @@ from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS
 from semcal_cli.files.input_files import is_same_file
 from semcal_cli.files.output_files import write_bytes
-from semcal_cli.formats import bases, semcal
+from semcal_cli.formats import bases, insertion, semcal
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.format_table import (
     FORMATS as FORMATS,
@@ -206,6 +206,52 @@ def convert(
     if record is not None and record.status == "not_trusted":
         written.note(f"{source}: the transform is not trusted; see its reasons")
     return text
+
+
+def set_in_file(
+    source: Path | str,
+    target: Path | str,
+    output: Path | str | None = None,
+    *,
+    key: str | None = None,
+    replaces: bool = False,
+    from_format: str | None = None,
+    read_options: FormatOptions | None = None,
+    write_options: FormatOptions | None = None,
+) -> bytes:
+    """Set the transform of a file in a copy of another file, whose comments and layout stay: see `insertion`.
+
+    Args:
+        source: A file of any known format, or a drive with a reference.
+        target: File to copy: a YAML or JSON document, a URDF, a launch file, or a calibration of KITTI or OpenCalib.
+        output: File to write; None writes no file.
+        key: Keys that lead to the transform in a document, or the name of a URDF's joint.
+        replaces: Whether `output` may be a file that is there already, such as `target` itself.
+        from_format: Name of the source's format; None recognises it by its content.
+        read_options: Options for what the source leaves open.
+        write_options: Options for what the target leaves open.
+
+    Returns:
+        The content of the new file.
+
+    Raises:
+        InputError: a file is wrong or leaves something open, or the output is there already or cannot be written.
+    """
+    path = None if output is None else Path(output)
+    if path is not None and path.is_file() and not replaces:
+        raise InputError(f"{path}: found a file, needed another -o, or --force to replace it")
+    extrinsic = read_extrinsic(source, from_format, read_options)
+    if path is not None and is_same_file(path, drive_file(Path(source))):
+        raise InputError(f"{path}: found the input file, needed another name")
+    into = Source.read(Path(target))
+    options = write_options or FormatOptions()
+    format = insertion.format_of(into, key, FORMATS)
+    content = insertion.set_transform(extrinsic.T_camera_lidar, into, format, key, options)
+    if path is not None:
+        write_bytes(content, path)
+    if extrinsic.record is not None and extrinsic.record.status == "not_trusted":
+        options.note(f"{source}: the transform is not trusted; see its reasons")
+    return content
 
 
 def _check_options(format: Format, options: FormatOptions) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +16,25 @@ from semcal_cli.formats.node import Node, camera_block
 from semcal_cli.formats.opencv import is_storage
 
 KNOWN_FORMATS = (
-    "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
+    "a ROS camera_info (distortion_model) or ost.txt, a Kalibr camchain (cam0), an OpenCV FileStorage (camera_matrix), "
+    "ORB-SLAM's (Camera.fx) or FAST-LIVO2's settings (cam_fx), direct_visual_lidar_calibration's calib.json, or "
+    "OpenCalib's JSON (cam_K)"
 )
 
 
-def read_intrinsics(path: Path, camera: str | None = None, model: str | None = None) -> dict[str, Any]:
+def read_intrinsics(
+    path: Path,
+    camera: str | None = None,
+    model: str | None = None,
+    size: Callable[[], tuple[int, int]] | None = None,
+) -> dict[str, Any]:
     """Read the camera block from a file of any known format.
 
     Args:
         path: The file.
         camera: Name of a camera in a camchain; None for the only one.
         model: Camera model that overrides that of the file; an OpenCV FileStorage does not always name one.
+        size: Returns columns and rows of the images, for a file that has none; None if there are no images.
 
     Raises:
         InputError: the file has no known format, a key is missing or wrong, or `camera` or `model` does not fit.
@@ -33,6 +42,10 @@ def read_intrinsics(path: Path, camera: str | None = None, model: str | None = N
     text = read_text(path)
     source = Source(path, (text if is_storage(text) else first_document(text)).encode())
     block, keys = _read(source, camera, model)
+    if "width" not in block:
+        if size is None:
+            raise InputError(f"{path}: found no size of the images, needed images, whose size it is")
+        block |= dict(zip(("width", "height"), size(), strict=True))
     return camera_block(path, block if model is None else _with_model(path, block, model), keys)
 
 

@@ -16,10 +16,11 @@ from semcal_cli.formats.lenses import (
     check_lens,
     coefficients_of,
     matrix_camera,
+    model_by_count,
     numbers_of,
     refuse_camera,
 )
-from semcal_cli.formats.node import Node
+from semcal_cli.formats.node import Node, image_side, parse_number
 from semcal_cli.formats.opencv import is_storage
 from semcal_cli.geometry.arrays import Pose
 
@@ -41,6 +42,8 @@ LENS_NAMES: dict[CameraModel, str] = {
     "fisheye": "equidistant",
 }
 """distortion_model of each camera model. A model of 12 or 14 coefficients has the name of the rational model."""
+OST = re.compile(r"\A(#[^\n]*\n\s*)*\[image\]\s+width\s")
+"""Beginning of ost.txt, which the calibrator of ROS writes beside ost.yaml."""
 DOCUMENT_END = re.compile(r"^---[ \t]*$", re.MULTILINE)
 
 
@@ -113,7 +116,30 @@ def _is_camera_info(source: Source) -> bool:
     return LENS in source.mapping and has_K and not is_storage(source.text)
 
 
+def _read_ost(source: Source, model: str | None) -> CameraBlock:
+    """Read ost.txt of camera_calibration: sections and lines of numbers below their names."""
+
+    def numbers(name: str) -> Node:
+        match = re.search(rf"^{name}[ \t]*\r?\n((?:[-+.\deE \t\r\n]+))", source.text, re.MULTILINE)
+        words = match[1].split() if match else []
+        return Node(str(source.path), [parse_number(f"{source.path}: {name}", word) for word in words], name)
+
+    K, distortion = numbers("camera matrix").numbers(9), numbers("distortion")
+    coefficients = distortion.numbers()
+    sides = {side: numbers(side).numbers(1)[0] for side in ("width", "height")}
+    block = {
+        "model": model or model_by_count(distortion, len(coefficients)),
+        **{side: image_side(f"{source.path}: {side}", value) for side, value in sides.items()},
+        "K": [K[:3], K[3:6], K[6:]],
+        "distortion": coefficients,
+    }
+    return CameraBlock(block, {"K": "camera matrix"})
+
+
 def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraBlock | None:
+    if OST.search(source.start):
+        refuse_camera(source.path, camera)
+        return _read_ost(source, model)
     if LENS not in source.mapping:
         return None
     refuse_camera(source.path, camera)

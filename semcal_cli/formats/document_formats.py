@@ -8,10 +8,11 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.camera import Camera, CameraModel
 from semcal_cli.errors import InputError, listed
-from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.format import CameraBlock, Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA
+from semcal_cli.formats.lenses import intrinsic_matrix, refuse_camera
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import (
     WXYZ,
@@ -21,8 +22,10 @@ from semcal_cli.formats.pose import (
     NumbersNotation,
     PoseNotation,
     check_transform,
+    rounded,
     transform,
 )
+from semcal_cli.formats.vikit import read_vikit_lens
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 
@@ -109,7 +112,12 @@ def base_format(
         needed = "choose another format: the transform between two sensors does not determine these poses"
         raise InputError(f"--to {name}: poses are relative to the {base}; {needed}")
 
-    return Format(name, equation, recognises, read, make, asks)
+    def set_camera(source: Source, T_camera_lidar: Pose, options: FormatOptions) -> tuple[Any, Pose]:
+        pair = find(source.node, options)
+        T_base_optical = notation.read(pair.lidar, options) @ inverse(T_camera_lidar)
+        return pair.camera.value, T_base_optical @ inverse(pair.T_frame_optical)
+
+    return Format(name, equation, recognises, read, make, asks, set_camera=set_camera)
 
 
 RELLIS_3D_KEY = "os1_cloud_node-pylon_camera_node"
@@ -130,6 +138,27 @@ def _has_results(source: Source) -> bool:
     return isinstance(results, dict) and "T_lidar_camera" in results
 
 
+DIRECT_LENSES: dict[str, CameraModel] = {"plumb_bob": "plumb_bob", "fisheye": "fisheye"}
+"""Camera models of direct_visual_lidar_calibration whose parameters are fx fy cx cy (docs/programs.md)."""
+
+
+def _read_direct_lens(source: Source, camera: str | None, model: str | None) -> CameraBlock | None:
+    """Read `camera` of calib.json, which has no size of the images."""
+    entry = Node(str(source.path), source.mapping).child("camera", source.mapping.get("camera"))
+    if not isinstance(entry.value, dict) or not entry.value.keys() >= {"camera_model", "intrinsics"}:
+        return None
+    refuse_camera(source.path, camera)
+    name = entry.at("camera_model")
+    if str(name.value) not in DIRECT_LENSES:
+        raise name.mismatch(f"one of: {', '.join(DIRECT_LENSES)}")
+    block = {
+        "model": DIRECT_LENSES[str(name.value)],
+        "K": intrinsic_matrix(*entry.at("intrinsics").numbers(4)),
+        "distortion": entry.mapping.get("distortion_coeffs") or [],
+    }
+    return CameraBlock(block, {"K": "camera.intrinsics", "distortion": "camera.distortion_coeffs"})
+
+
 DIRECT_VISUAL_LIDAR = entry_format(
     "direct-visual-lidar",
     "p_lidar = T p_camera: results.T_lidar_camera of calib.json, x y z qx qy qz qw",
@@ -138,6 +167,7 @@ DIRECT_VISUAL_LIDAR = entry_format(
     NumbersNotation({"T_lidar_camera": (*XYZ, *XYZW)}),
     maps_camera=True,
     as_json=True,
+    read_lens=_read_direct_lens,
 )
 
 
@@ -203,7 +233,7 @@ class _RotationAndTranslation:
         return check_transform(R.where, transform(R.matrix(3, 3), node.at("Pcl").numbers(3)), options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        entry["Rcl"], entry["Pcl"] = T[:3, :3].ravel().tolist(), T[:3, 3].tolist()
+        entry["Rcl"], entry["Pcl"] = rounded(T[:3, :3].ravel()), rounded(T[:3, 3])
 
 
 FAST_LIVO2 = entry_format(
@@ -212,6 +242,7 @@ FAST_LIVO2 = entry_format(
     lambda source: bool(_blocks(Node("", source.mapping))),
     _find_block,
     _RotationAndTranslation(),
+    read_lens=read_vikit_lens,
 )
 
 ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"

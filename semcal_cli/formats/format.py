@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
@@ -9,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple, TypeAlias, get_args
 
 from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.drive.camera import Camera
@@ -68,6 +69,10 @@ class FormatOptions:
         """Pass a line to `on_note`, if there is one."""
         if self.on_note is not None:
             self.on_note(line)
+
+
+Edits: TypeAlias = list[tuple[int, int, str]]
+"""Parts of a text by their beginnings and ends, each with the text that replaces it."""
 
 
 class CameraBlock(NamedTuple):
@@ -183,6 +188,15 @@ class Source:
         return None
 
 
+def edited(source: Source, edits: Edits) -> bytes:
+    """Replace parts of the text of a file, and return the content of the new file."""
+    text = source.text
+    for start, end, replacement in sorted(edits, reverse=True):
+        text = f"{text[:start]}{replacement}{text[end:]}"
+    mark = codecs.BOM_UTF8 if source.content.startswith(codecs.BOM_UTF8) else b""
+    return mark + text.encode()
+
+
 DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 MAX_YAML_BYTES = 1_000_000
 """Maximum size of a YAML file with a transform."""
@@ -210,6 +224,12 @@ class Format:
     """Whether its files hold a transform; the others hold only intrinsics."""
     as_json: bool = False
     """Whether a document is written as JSON, whatever the suffix of its file."""
+    edit: Callable[[Source, Pose, str | None, FormatOptions], Edits] | None = None
+    """Finds what to replace in the text of a file so that it holds T_camera_lidar, under a name if one is given; None
+    if files of the format are not edited, or only under a key, as documents are."""
+    set_camera: Callable[[Source, Pose, FormatOptions], tuple[Any, Pose]] | None = None
+    """Finds the entry of the camera in a document with poses on a base, and computes the pose T_base_camera of that
+    entry for which the transform between the sensors is T_camera_lidar."""
     read_lens: Callable[[Source, str | None, str | None], CameraBlock | None] | None = None
     """Reads the intrinsics of a camera, given its name and the camera model that the user chooses, if any. Returns None
     if the file is of another format."""

@@ -65,7 +65,9 @@ def camera_and_lidar(
         if name is None and len(candidates) == 1 and not has_word(candidates[0], other_words):
             name = candidates[0]
         if name is None or name not in names:
-            raise InputError(f"{where}: found {kind} {listed(names)}; add --{side} to name {needed}")
+            raise InputError(
+                f"{where}: found {kind} {listed(names)}; add {options.prefix}{side} to name {needed}"
+            )
         pair.append(name)
     camera, lidar = pair
     return camera, lidar
@@ -97,6 +99,17 @@ def from_frames(where: str, T_parent_child: Pose, parent: str, child: str, optio
     return inverse(T_lidar_camera @ optical_axes(where, camera, options))
 
 
+def between_frames(where: str, T_camera_lidar: Pose, parent: str, child: str, options: FormatOptions) -> Pose:
+    """Convert T_camera_lidar to the transform between two named frames, p_parent = T p_child, as `from_frames` reads.
+
+    Raises:
+        InputError: neither the names nor the user's options determine which frame is the camera's, or its axes.
+    """
+    camera, _ = camera_and_lidar(where, "frames", (parent, child), options)
+    T_lidar_camera = inverse(optical_axes(where, camera, options) @ T_camera_lidar)
+    return T_lidar_camera if camera == child else inverse(T_lidar_camera)
+
+
 def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
     """Choose T_frame_optical (4, 4) of a camera frame, by its name or by the user's option.
 
@@ -105,7 +118,7 @@ def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
     """
     frame = options.frame or ("optical" if has_word(camera, OPTICAL_WORDS) else None)
     if frame is None:
-        needed = "add --frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        needed = f"add {options.prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
         raise InputError(f"{where}: found the camera frame {camera!r}; {needed}")
     return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
 

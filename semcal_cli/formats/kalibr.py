@@ -34,8 +34,14 @@ KEYS = {"K": "intrinsics", "distortion": "distortion_coeffs", "parameters": "int
 
 
 def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraBlock | None:
-    entries = source.mapping.items()
-    chain = {str(key): entry for key, entry in entries if isinstance(entry, dict) and "camera_model" in entry}
+    chain = {
+        str(key): entry
+        for key, entry in source.mapping.items()
+        # direct_visual_lidar_calibration has a camera_model, too, and none of these.
+        if isinstance(entry, dict)
+        and "camera_model" in entry
+        and entry.keys() & {"resolution", "distortion_model"}
+    }
     if not chain:
         return None
     entry = Node(str(source.path), chain[pick("camera", camera, list(chain), source.path)])

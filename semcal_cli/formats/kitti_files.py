@@ -8,6 +8,7 @@ calib_cam_to_velo.txt, camera 0 is the one before rectification.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,9 @@ import numpy as np
 from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import read_text
 from semcal_cli.files.output_files import descriptor
-from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.format import Edits, Format, FormatOptions, Source
 from semcal_cli.formats.node import Node, parse_numbers, rigid
-from semcal_cli.formats.pose import from_line, from_rows, rotation, transform
+from semcal_cli.formats.pose import from_line, from_rows, number_text, rotation, transform
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.geometry.poses import inverse
 
@@ -66,7 +67,7 @@ def _keys(source: Source) -> set[str]:
 
 def _row(values: Numbers) -> str:
     """Write numbers by rows on one line."""
-    return " ".join(map(repr, values.ravel().tolist()))
+    return " ".join(map(number_text, values.ravel().tolist()))
 
 
 def offset_from_camera0(projection: Node) -> Pose:
@@ -127,20 +128,33 @@ def raw_pose(
 
 
 def _read_raw(source: Source, options: FormatOptions) -> Pose:
-    cameras = None
-    if options.camera is not None:
-        _check_camera(options.camera, RAW_CAMERAS)
-        if descriptor(source.path) is not None:
-            raise InputError(
-                f"{source.path}: found a stream, expected a file with {RAW_CAMERAS_FILE} next to it for --camera"
-            )
-        cameras = read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
+    cameras = None if options.camera is None else _raw_cameras(source, options.camera)
     return raw_pose(parse_keyed(source.path, source.text), cameras, options.camera, options)
+
+
+def _raw_cameras(source: Source, camera: str) -> Node:
+    """Read the cameras next to calib_velo_to_cam.txt."""
+    _check_camera(camera, RAW_CAMERAS)
+    if descriptor(source.path) is not None:
+        raise InputError(
+            f"{source.path}: found a stream, expected a file with {RAW_CAMERAS_FILE} next to it for --camera"
+        )
+    return read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
 
 
 def _make_raw(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     _check_no_camera(options)
+    _note_camera0("kitti-raw", options)
     return f"R: {_row(T_camera_lidar[:3, :3])}\nT: {_row(T_camera_lidar[:3, 3])}\n".encode()
+
+
+def _make_360(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    _note_camera0("kitti-360", options)
+    return f"{_row(inverse(T_camera_lidar)[:3])}\n".encode()
+
+
+def _note_camera0(name: str, options: FormatOptions) -> None:
+    options.note(f"--to {name}: the transform is written as that of camera 0 before rectification")
 
 
 def _check_camera(camera: str, cameras: tuple[str, ...]) -> None:
@@ -164,11 +178,45 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
         return offset_from_camera0(lines.at(options.camera)) @ T
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-        _check_no_camera(options)
+        if options.camera != CAMERAS[0]:
+            needed = f"needed --to-camera {CAMERAS[0]}, if the transform is that of the rectified camera 0"
+            found = "no --to-camera" if options.camera is None else f"--to-camera {options.camera}"
+            raise InputError(f"--to {name}: found {found}, {needed}")
         return f"{first_line}{key}: {_row(T_camera_lidar[:3])}\n".encode()
 
+    def edit(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:
+        lines = parse_keyed(source.path, source.text)
+        if options.camera not in CAMERAS:
+            raise InputError(f"{source.path}: needed --to-camera with one of: {', '.join(CAMERAS)}")
+        T = inverse(offset_from_camera0(lines.at(options.camera))) @ T_camera_lidar
+        if key == OBJECT_KEY:
+            T = inverse(rotation(lines.at(RECTIFICATION))) @ T
+        return _set_line(source, key, T[:3])
+
     equation = f"p_camera0 = {equation} p_velo; --camera P2 for another camera"
-    return Format(name, equation, lambda source: key in _keys(source), read, make, asks=("camera",))
+    return Format(
+        name, equation, lambda source: key in _keys(source), read, make, asks=("camera",), edit=edit
+    )
+
+
+def _set_line(source: Source, key: str, values: Numbers) -> Edits:
+    """Replace the numbers after a key, which is on one line."""
+    (match,) = re.finditer(rf"^[ \t]*{key}[ \t]*:[ \t]*([^\r\n]*)", source.text, re.MULTILINE)
+    return [(*match.span(1), _row(values))]
+
+
+def _edit_raw(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:
+    T = T_camera_lidar
+    if options.camera is None:
+        _note_camera0("kitti-raw", options)
+    else:
+        zero = Node(str(source.path), {"R": np.eye(3).ravel().tolist(), "T": [0.0] * 3})
+        T = inverse(raw_pose(zero, _raw_cameras(source, options.camera), options.camera)) @ T
+    return _set_line(source, "R", T[:3, :3]) + _set_line(source, "T", T[:3, 3])
+
+
+def _edit_opencalib(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:
+    return _set_line(source, "T", T_camera_lidar[:3])
 
 
 ODOMETRY = _kitti("kitti-odometry", "Tr", ODOMETRY_KEY)
@@ -181,13 +229,14 @@ RAW = Format(
     _read_raw,
     _make_raw,
     asks=("camera",),
+    edit=_edit_raw,
 )
 KITTI_360 = Format(
     "kitti-360",
     "p_velo = T p_camera0: calib_cam_to_velo.txt, recognised by its name; camera 0 before rectification",
     lambda source: source.path.name == KITTI_360_FILE,
     lambda source, options: unrectified_camera0_pose(source.path, source.text, options),
-    lambda T_camera_lidar, options: f"{_row(inverse(T_camera_lidar)[:3])}\n".encode(),
+    _make_360,
 )
 OPENCALIB = Format(
     "opencalib",
@@ -195,4 +244,5 @@ OPENCALIB = Format(
     lambda source: {"T"} <= _keys(source) <= {"K", "D", "T"},
     lambda source, options: from_line(parse_keyed(source.path, source.text).at("T"), options),
     lambda T_camera_lidar, options: f"T: {_row(T_camera_lidar[:3])}\n".encode(),
+    edit=_edit_opencalib,
 )

@@ -16,6 +16,14 @@ NAMES = {
     "height": ("image_height", "height"),
 }
 """Names of the keys of a camera block in files of ROS and OpenCV; the first one found counts."""
+MODELS: dict[int, CameraModel] = {
+    4: "plumb_bob",
+    5: "plumb_bob",
+    8: "rational_polynomial",
+    12: "thin_prism",
+    14: "thin_prism",
+}
+"""Camera model of each number of coefficients in OpenCV's order, if the lens is not a fisheye."""
 MIN_COUNTS: dict[CameraModel, int] = {
     "plumb_bob": 5,
     "rational_polynomial": 8,
@@ -48,6 +56,21 @@ def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Camer
     }
     keys = {key: next(name for name in names if name in document.mapping) for key, names in NAMES.items()}
     return CameraBlock(block, keys)
+
+
+def model_by_count(distortion: Node, count: int, *, because: str = "no name of the lens") -> CameraModel:
+    """Derive the camera model from the number of its coefficients.
+
+    Raises:
+        InputError: four coefficients may also be those of cv2.fisheye, or no lens has so many.
+    """
+    if count == 4:
+        problem = f"found 4 coefficients and {because}"
+        raise InputError(f"{distortion.where}: {problem}; add --model, such as plumb_bob or fisheye")
+    if count not in MODELS:
+        counts = ", ".join(map(str, MODELS))
+        raise InputError(f"{distortion.where}: found {counted(count, 'number')}, expected one of: {counts}")
+    return MODELS[count]
 
 
 def intrinsic_matrix(fx: float, fy: float, cx: float, cy: float) -> list[list[float]]:

@@ -16,7 +16,7 @@ from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import apply_direction
 from semcal_cli.formats.kitti_files import KITTI_360_FILE
 from semcal_cli.formats.node import parse_numbers
-from semcal_cli.formats.pose import XYZ, XYZW, from_rows, numbers_of, pose_of
+from semcal_cli.formats.pose import XYZ, XYZW, from_rows, number_text, numbers_of, pose_of
 from semcal_cli.geometry.arrays import Pose
 
 SHAPES = ((3, 4), (4, 4))
@@ -96,7 +96,7 @@ def _read_text(source: Source, options: FormatOptions) -> Pose:
 
 
 def _make_text(T: Pose, options: FormatOptions) -> bytes:
-    return "".join(" ".join(map(repr, row)) + "\n" for row in T.tolist()).encode()
+    return "".join(" ".join(map(number_text, row)) + "\n" for row in T.tolist()).encode()
 
 
 def _read_tum(source: Source, options: FormatOptions) -> Pose:
@@ -111,7 +111,7 @@ def _read_tum(source: Source, options: FormatOptions) -> Pose:
 
 def _make_tum(T: Pose, options: FormatOptions) -> bytes:
     values = numbers_of(T)
-    return f"0.0 {' '.join(repr(values[name]) for name in TUM_NUMBERS)}\n".encode()
+    return f"0.0 {' '.join(number_text(values[name]) for name in TUM_NUMBERS)}\n".encode()
 
 
 ARRAY = directed_format(

@@ -19,22 +19,25 @@ from typing import Any
 
 import numpy as np
 
+from semcal_cli.drive.camera import CameraModel
 from semcal_cli.errors import InputError, counted, describe, listed
 from semcal_cli.files.documents import parse_document
 from semcal_cli.formats.format import CameraBlock, FormatOptions, Source
 from semcal_cli.formats.lenses import (
     MIN_COUNTS,
+    MODELS,
     NAMES,
     check_lens,
     coefficients_of,
     intrinsic_matrix,
     matrix_camera,
+    model_by_count,
     numbers_of,
     refuse_camera,
 )
 from semcal_cli.formats.matrix import directed_format
 from semcal_cli.formats.node import NUMBER, Node
-from semcal_cli.formats.pose import from_rows
+from semcal_cli.formats.pose import from_rows, rounded
 from semcal_cli.geometry.arrays import Pose
 
 KEY = "CameraExtrinsicMat"
@@ -45,13 +48,11 @@ SHAPES = (3, 4), (4, 4)
 NEAR_ROTATION = 0.1
 """Largest difference of R R^T from the identity by which a transform is told from a projection."""
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
-MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
-"""Camera model of each number of coefficients, if the lens is not a fisheye."""
-YAML_REPLACEMENTS = (
-    (re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n"), ""),
-    (re.compile(r"!!opencv-\w+|!<tag:[^>\n]{0,200}>"), ""),
-    (re.compile(r"^([ \t]*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE), r"\1: "),
-)
+ORB = "Camera.{}", "Camera1.{}"
+"""Names of a camera's parameters in the settings of ORB-SLAM2 and ORB-SLAM3 (Examples/Monocular/*.yaml)."""
+ORB_TYPES: dict[str, CameraModel] = {"PinHole": "plumb_bob", "KannalaBrandt8": "fisheye"}
+DIRECTIVE_OR_TAG = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*|!!opencv-\w+|!<tag:[^>\n]{0,200}>")
+MISSING_SPACE = re.compile(r"^([ \t]*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE)
 
 
 def is_storage(text: str) -> bool:
@@ -68,9 +69,13 @@ def _storage(source: Source) -> Node:
     text = source.text
     if text.lstrip().startswith("<"):
         return Node(str(source.path), _parse_xml(source))
-    for pattern, replacement in YAML_REPLACEMENTS:
-        text = pattern.sub(replacement, text)
+    text = MISSING_SPACE.sub(r"\1: ", blank_storage(text))
     return Node(str(source.path), parse_document(text, source.path))
+
+
+def blank_storage(text: str) -> str:
+    """Blank what is no standard YAML in a FileStorage, so that all else keeps its place."""
+    return DIRECTIVE_OR_TAG.sub(lambda match: re.sub(r"\S", " ", match[0]), text)
 
 
 def _parse_xml(source: Source) -> dict[Any, Any]:
@@ -146,7 +151,7 @@ def _is_rotated(matrix: Node) -> bool:
 
 
 def _make(T: Pose, options: FormatOptions) -> bytes:
-    lines = ["%YAML:1.0", "---", _matrix(KEY, 4, T.ravel().tolist())]
+    lines = ["%YAML:1.0", "---", _matrix(KEY, 4, rounded(T.ravel()))]
     if (camera := options.intrinsics) is not None:
         check_lens("--to opencv", camera, MIN_COUNTS)
         coefficients = coefficients_of(camera)
@@ -180,23 +185,40 @@ def _mei(storage: Node) -> CameraBlock:
     return CameraBlock(block, {"K": PROJECTION, "distortion": DISTORTION, "parameters": MIRROR})
 
 
+def _orb(storage: Node, pattern: str) -> CameraBlock:
+    """Read the camera of ORB-SLAM's settings: `Camera.fx` and so on, where k3 may be missing."""
+
+    def value(name: str) -> float:
+        return storage.at(pattern.format(name)).number()
+
+    kind = str(storage.mapping.get("Camera.type", "PinHole"))
+    if kind not in ORB_TYPES:
+        raise storage.at("Camera.type").mismatch(f"one of: {', '.join(ORB_TYPES)}")
+    names = ["k1", "k2", "k3", "k4"] if kind == "KannalaBrandt8" else ["k1", "k2", "p1", "p2", "k3"]
+    is_given = [pattern.format(name) in storage.mapping for name in names]
+    if kind == "PinHole" and not is_given[4]:
+        names = names[:4] if any(is_given) else []
+    block = {
+        "model": ORB_TYPES[kind],
+        "width": storage.at("Camera.width").side(),
+        "height": storage.at("Camera.height").side(),
+        "K": intrinsic_matrix(*map(value, ("fx", "fy", "cx", "cy"))),
+        "distortion": [value(name) for name in names],
+    }
+    return CameraBlock(block, {"K": pattern.format("fx"), "distortion": pattern.format("k1")})
+
+
 def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraBlock | None:
     def model_of(distortion: Node, count: int) -> str:
         """Derive the camera model from the number of coefficients; cv2.fisheye also has four."""
         if model is not None:
             return model
-        if "fisheye_model" in storage.mapping:
-            if storage.at("fisheye_model").number():
-                return "fisheye"
-        elif count == 4:
-            problem = "found 4 coefficients and no fisheye_model"
-            raise InputError(f"{storage.where}: {problem}; add --model, such as plumb_bob or fisheye")
-        if count not in MODELS:
-            counts = ", ".join(map(str, MODELS))
-            raise InputError(
-                f"{distortion.where}: found {counted(count, 'number')}, expected one of: {counts}"
-            )
-        return MODELS[count]
+        is_named = "fisheye_model" in storage.mapping
+        if is_named and storage.at("fisheye_model").number():
+            return "fisheye"
+        if is_named and count in MODELS:
+            return MODELS[count]
+        return model_by_count(distortion, count, because="no fisheye_model")
 
     if not is_storage(source.start):
         return None
@@ -204,6 +226,9 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
     storage = _storage(source)
     if MIRROR in storage.mapping:
         return _mei(storage)
+    for pattern in ORB:
+        if pattern.format("fx") in storage.mapping:
+            return _orb(storage, pattern)
     block, keys = matrix_camera(storage, model_of)
     # A FileStorage writes whole numbers of a matrix of doubles without decimals.
     block |= {key: np.asarray(block[key], np.float64).tolist() for key in ("K", "distortion")}

@@ -19,6 +19,8 @@ from semcal_cli.geometry.poses import nearest_rigid, pose_from_quaternion, quate
 XYZ, RPY = ("x", "y", "z"), ("roll", "pitch", "yaw")
 XYZW, WXYZ = ("qx", "qy", "qz", "qw"), ("qw", "qx", "qy", "qz")
 ROUNDING = 1e-6
+DIGITS = 9
+"""Decimals that are written: nanometres, and much less than the rounding that is removed when a file is read."""
 MIN_SCALE = 1e-3
 """Minimum ratio of the singular values of a matrix that is repaired; below it, no rotation is near."""
 
@@ -53,9 +55,9 @@ class MatrixNotation:
         """Replace the matrix, in its own layout: one list or rows, with or without the last row."""
         before = entry.get(self.key)
         if is_flat(before):
-            entry[self.key] = T.ravel()[: len(before)].tolist()
+            entry[self.key] = rounded(T.ravel()[: len(before)])
         else:
-            entry[self.key] = T[: 3 if isinstance(before, list) and len(before) == 3 else 4].tolist()
+            entry[self.key] = rounded(T[: 3 if isinstance(before, list) and len(before) == 3 else 4])
 
 
 def is_flat(rows: object) -> TypeGuard[list[object]]:
@@ -87,12 +89,23 @@ class NumbersNotation:
         """Replace the numbers, and keep other keys."""
         values = numbers_of(T)
         for key, names in self.parts.items():
-            numbers = [values[name] for name in names]
+            numbers = rounded([values[name] for name in names])
             if self.are_named:
                 part = entry.setdefault(key, {}) if key else entry
                 part.update(zip(map(_short, names), numbers, strict=True))
             else:
                 entry[key] = numbers
+
+
+def rounded(values: npt.ArrayLike) -> Any:
+    """Round numbers of a transform (...) to the decimals that are written, as nested lists."""
+    return (np.round(np.asarray(values, np.float64), DIGITS) + 0.0).tolist()
+
+
+def number_text(value: float) -> str:
+    """Write a number of a transform with the decimals that are needed, at least one and at most nine."""
+    whole, point, decimals = f"{rounded(value):.{DIGITS}f}".partition(".")
+    return f"{whole}{point}{decimals.rstrip('0') or '0'}"
 
 
 def _short(name: str) -> str:

@@ -10,23 +10,35 @@ child is a camera's optical frame (apollo, modules/drivers/camera/params).
 
 from __future__ import annotations
 
+import ast
+import itertools
+import re
 import shlex
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from semcal_cli.config.file_limits import MAX_COMMAND
 from semcal_cli.errors import InputError, counted, listed
-from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
-from semcal_cli.formats.frame_names import CAMERA_WORDS, from_frames, has_word, name_frames
+from semcal_cli.formats.format import FRAMES, Edits, Format, FormatOptions, Source
+from semcal_cli.formats.frame_names import CAMERA_WORDS, between_frames, from_frames, has_word, name_frames
 from semcal_cli.formats.node import NUMBER, Node, parse_number
-from semcal_cli.formats.pose import RPY, XYZ, XYZW, NumbersNotation, numbers_of, pose_of
+from semcal_cli.formats.pose import RPY, XYZ, XYZW, NumbersNotation, number_text, numbers_of, pose_of
+from semcal_cli.formats.xml_tags import start_tags
 from semcal_cli.geometry.arrays import Pose
 
 PUBLISHER = "static_transform_publisher"
 DEFAULTS = dict.fromkeys((*XYZ, *XYZW, *RPY), 0.0) | {"qw": 1.0}
 """Defaults of the arguments."""
 FRAME_NAMES = ("frame-id", "child-frame-id")
+
+
+class Word(NamedTuple):
+    """A word of a publisher's arguments, and its place in the text of the file."""
+
+    text: str
+    start: int
+    end: int
 
 
 def _read_command(source: Source, options: FormatOptions) -> Pose:
@@ -44,6 +56,10 @@ def _read_launch(source: Source, options: FormatOptions) -> Pose:
 
 def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> Pose:
     """Read the transform of the only publisher, or of the only one between the requested frames."""
+    return _transform(where, _choose(where, publishers, options), options)
+
+
+def _choose(where: str, publishers: list[list[str]], options: FormatOptions) -> list[str]:
     if not publishers:
         raise InputError(f"{where}: found no {PUBLISHER}")
     frame_names = {name for name in (options.camera, options.lidar) if name is not None}
@@ -57,9 +73,10 @@ def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> 
     if len(candidates) != 1:
         frames = listed(" to ".join(_frames(words)) for words in publishers)
         raise InputError(
-            f"{where}: found transforms {frames}; add --camera and --lidar to name the two frames of one of them"
+            f"{where}: found transforms {frames}; add {options.prefix}camera and {options.prefix}lidar to name the two "
+            "frames of one of them"
         )
-    return _transform(where, candidates[0], options)
+    return candidates[0]
 
 
 def _words(where: str, text: str) -> list[str]:
@@ -121,10 +138,113 @@ def _by_name(where: str, words: list[str]) -> dict[str, str]:
     return arguments
 
 
+def _new_words(where: str, words: list[str], T_camera_lidar: Pose, options: FormatOptions) -> dict[int, str]:
+    """Write the numbers of a transform for a publisher, by their positions among its words."""
+    is_in_order = bool(words) and NUMBER.fullmatch(words[0]) is not None
+    arguments = _in_order(where, words) if is_in_order else _by_name(where, words)
+    parent, child = (arguments[name] for name in FRAME_NAMES)
+    T = between_frames(where, T_camera_lidar, parent, child, options)
+    names = XYZ + (RPY if any(name in arguments for name in RPY) else XYZW)
+    if missing := [name for name in names if name not in arguments]:
+        raise InputError(f"{where}: found no --{missing[0]}, needed one, so that it can be set")
+    positions = list(arguments) if is_in_order else [word.removeprefix("--") for word in words]
+    values = numbers_of(T)
+    return {positions.index(name) + (not is_in_order): number_text(values[name]) for name in names}
+
+
+def _set_words(
+    where: str, publishers: list[list[Word]], T_camera_lidar: Pose, options: FormatOptions
+) -> Edits:
+    """Set the transform of the only publisher, or of the only one between the requested frames."""
+    texts = [[word.text for word in words] for words in publishers]
+    chosen = _choose(where, texts, options)
+    words = publishers[texts.index(chosen)]
+    new = _new_words(where, chosen, T_camera_lidar, options)
+    return [(words[index].start, words[index].end, text) for index, text in new.items()]
+
+
+def _words_at(text: str, start: int, end: int) -> list[Word]:
+    """Find the words of a part of a text, without quotes and the backslashes at the ends of lines."""
+    matches = re.compile(r"\"[^\"]*\"|'[^']*'|(?:(?!\\\n)[^\s\"'])+").finditer(text, start, end)
+    return [
+        Word(match[0].strip("\"'"), match.start() + quotes, match.end() - quotes)
+        for match in matches
+        for quotes in [int(match[0][0] in "\"'")]
+    ]
+
+
+def _edit_command(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:
+    publishers = []
+    for line in re.finditer(r"(?:[^\n]|(?<=\\)\n)+", source.text):
+        words = _words_at(source.text, *line.span())
+        names = [word.text for word in words]
+        if PUBLISHER in names:
+            publishers.append(words[names.index(PUBLISHER) + 1 :])
+    return _set_words(str(source.path), publishers, T_camera_lidar, options)
+
+
+def _edit_launch(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:
+    places = [
+        tag.attribute("args")
+        for tag in start_tags(source)
+        if tag.name == "node" and PUBLISHER in (tag.attributes.get("exec"), tag.attributes.get("type"))
+    ]
+    publishers = [_words_at(source.text, *place) for place in places if place is not None]
+    return _set_words(f"{source.path}: {PUBLISHER}", publishers, T_camera_lidar, options)
+
+
+def _launch_words(source: Source) -> list[list[Word]]:
+    """Find the arguments of the publishers of a launch file in Python, which is parsed and not run."""
+    where = f"{source.path}: {PUBLISHER}"
+    try:
+        tree = ast.parse(source.text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise InputError(f"{source.path}: is not well-formed Python, needed a launch file") from None
+    begins = [0, *itertools.accumulate(len(line.encode()) for line in source.text.splitlines(keepends=True))]
+    content = source.text.encode()
+    publishers = []
+    for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+        fields = {keyword.arg: keyword.value for keyword in call.keywords}
+        name = fields.get("executable", fields.get("node_executable"))
+        if not isinstance(name, ast.Constant) or name.value != PUBLISHER:
+            continue
+        listed_words = fields.get("arguments")
+        words = []
+        for item in listed_words.elts if isinstance(listed_words, ast.List) else [None]:
+            if not isinstance(item, ast.Constant) or not isinstance(item.value, str):
+                raise InputError(f"{where}: found arguments that are computed, needed a list of texts")
+            start, end = (
+                len(content[: begins[line - 1] + column].decode())
+                for line, column in (
+                    (item.lineno, item.col_offset),
+                    (item.end_lineno or 0, item.end_col_offset or 0),
+                )
+            )
+            words.append(Word(item.value, start + 1, end - 1))
+        publishers.append(words)
+    return publishers
+
+
+def _read_launch_py(source: Source, options: FormatOptions) -> Pose:
+    publishers = [[word.text for word in words] for words in _launch_words(source)]
+    return _one_of(f"{source.path}: {PUBLISHER}", publishers, options)
+
+
+def _edit_launch_py(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:
+    return _set_words(f"{source.path}: {PUBLISHER}", _launch_words(source), T_camera_lidar, options)
+
+
+def _is_launch_py(source: Source) -> bool:
+    return (
+        PUBLISHER in source.start
+        and re.search(r"^\s*(import|from)\s+\w", source.start, re.MULTILINE) is not None
+    )
+
+
 def _arguments(T_camera_lidar: Pose, options: FormatOptions) -> str:
     T, lidar, camera = name_frames(T_camera_lidar, options)
     values = numbers_of(T)
-    arguments = [f"--{name} {values[name]}" for name in (*XYZ, *XYZW)]
+    arguments = [f"--{name} {number_text(values[name])}" for name in (*XYZ, *XYZW)]
     return " ".join([*arguments, f"--frame-id {shlex.quote(lidar)} --child-frame-id {shlex.quote(camera)}"])
 
 
@@ -141,10 +261,13 @@ def _make_launch(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 COMMAND = Format(
     "ros2-static-transform",
     "p_parent = T p_child: --x --y --z --qx --qy --qz --qw --frame-id LIDAR --child-frame-id CAMERA",
-    lambda source: PUBLISHER in source.start and not source.start.startswith("<"),
+    lambda source: (
+        PUBLISHER in source.start and not source.start.startswith("<") and not _is_launch_py(source)
+    ),
     _read_command,
     _make_command,
     asks=FRAMES,
+    edit=_edit_command,
 )
 LAUNCH = Format(
     "ros2-launch",
@@ -153,6 +276,15 @@ LAUNCH = Format(
     _read_launch,
     _make_launch,
     asks=FRAMES,
+    edit=_edit_launch,
+)
+LAUNCH_PY = Format(
+    "ros2-launch-py",
+    "p_parent = T p_child: a Node of static_transform_publisher in a Python launch file, which is read and set",
+    _is_launch_py,
+    _read_launch_py,
+    asks=FRAMES,
+    edit=_edit_launch_py,
 )
 
 STAMPED_POSE = NumbersNotation({"translation": XYZ, "rotation": XYZW}, are_named=True)

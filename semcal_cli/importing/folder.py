@@ -15,6 +15,7 @@ from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, Poi
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, counted
+from semcal_cli.files.image_files import read_size
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
@@ -99,7 +100,9 @@ def read(folder: Folder) -> Recording:
         InputError: a pattern matches nothing or a file of an unknown format, nothing can be paired, no cloud has all
             its files, or a file is wrong.
     """
-    camera = read_intrinsics(folder.camera_info, folder.camera, folder.model)
+    pattern = folder.images or folder.image_labels
+    size = None if pattern is None else lambda: read_size(_find("--images", pattern)[0])
+    camera = read_intrinsics(folder.camera_info, folder.camera, folder.model, size)
     clouds = _find("--points", folder.points)
     point_labels = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
     image_labels = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)

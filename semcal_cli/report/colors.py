@@ -153,7 +153,10 @@ def segment_colors(segmented: core.SegmentedSweep) -> tuple[Colors, Legend]:
         for index, kind in enumerate(segmented.kinds.tolist())
     ]
     palette = np.array([*rgb, NO_SEGMENT_COLOR], np.uint8)[:, ::-1]
-    legend = {"ground": GROUND_COLORS[1], "objects, one colour each": _rgb(0), "no segment": NO_SEGMENT_COLOR}
+    legend = {"ground": GROUND_COLORS[1], "objects, one colour each": _rgb(0)}
+    if core.GROUND not in segmented.kinds:
+        legend = {"segments, one colour each (no ground was found)": _rgb(0)}
+    legend["no segment"] = NO_SEGMENT_COLOR
     colors = palette[np.minimum(segmented.ids, segmented.num_segments)]
     return colors, {name: color[::-1] for name, color in legend.items()}
 

@@ -77,15 +77,20 @@ def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[Transf
     """Write a transform in each text format that needs no other information.
 
     Matrices in formats without a direction are T_camera_lidar. Intrinsics are included where a format can hold them and
-    has a name for the lens.
+    has a name for the lens. Formats of KITTI are left out: they hold the transform of camera 0, which this need not be.
     """
     texts = []
     for format in FORMATS:
         for camera in (intrinsics, None):
             # Formats that edit an existing file are left out, and so is NumPy's, which is not text.
             with suppress(InputError, UnicodeDecodeError):
-                options = FormatOptions(direction="lidar-to-camera", intrinsics=camera)
+                reservations: list[str] = []
+                options = FormatOptions(
+                    direction="lidar-to-camera", intrinsics=camera, on_note=reservations.append
+                )
                 text = format.write(T_camera_lidar, options).decode()
+                if reservations:
+                    break
                 direction = "; here lidar-to-camera" if "direction" in format.asks else ""
                 texts.append(TransformText(format.name, format.equation + direction, text.rstrip("\n")))
                 break

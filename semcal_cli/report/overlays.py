@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from semcal_cli.report.colors import (
     ColorMeaning,
     Legend,
     class_colors,
+    coloring_of,
     depth_levels,
     is_edge,
     level_colors,
@@ -38,6 +39,9 @@ from semcal_cli.report.colors import (
     palettes,
     segment_colors,
 )
+from semcal_cli.report.dots import PLAIN, DotStyle, draw_dots
+from semcal_cli.report.named_frames import frame_paths
+from semcal_cli.report.ply import write_ply
 from semcal_cli.report.points import (
     ProjectedPoints,
     View,
@@ -46,6 +50,7 @@ from semcal_cli.report.points import (
     frame_points,
     points_in_image,
 )
+from semcal_cli.report.video import check_video, write_video
 
 WIDE = 2.0
 """Ratio of width to height from which images are stacked vertically."""
@@ -56,7 +61,6 @@ BACKGROUND_GRAY = 0.6
 LABEL_STRENGTH = 0.5
 LABEL_SHARE = 0.55
 """Weight of the label colours in an image with labels."""
-COLUMNS_PER_DOT_RADIUS = 640
 TEXT_COLOR = (235, 235, 235)
 MARGIN_COLOR = (32, 32, 32)
 FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -71,11 +75,6 @@ EDGE_STRENGTH = 170.0
 """Grey value that the strongest edges add: bright, but dots on them remain visible."""
 STRONGEST = 0.99
 """Quantile of the gradients of an image from which an edge is drawn at full strength."""
-
-
-def overlay_paths(folder: Path, count: int) -> list[Path]:
-    """Name the files of the drawn frames in a folder."""
-    return [folder / f"{frame:06d}.png" for frame in range(count)]
 
 
 def image_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
@@ -127,6 +126,9 @@ class Overlays:
     next to it, on the edges of the image, which needs observations of the cue edges."""
     others: Mapping[str, Observations] = field(default_factory=dict)
     """The same frames for poses of another camera or clock, by caption: see `applied.seen_as`."""
+    style: DotStyle = PLAIN
+    draws_labels: bool = False
+    """Whether the classes of pixels are drawn on the images, too."""
 
     @property
     def views(self) -> dict[str, View]:
@@ -140,9 +142,36 @@ class Overlays:
             InputError: the folder cannot be made, or a frame cannot be drawn (see `write`).
         """
         make_folder(folder)
-        for frame, path in enumerate(overlay_paths(folder, self.observations.num_frames)):
+        for frame, path in enumerate(frame_paths(folder, self.drive)):
             self.write(frame, path)
             yield path
+
+    def styled(
+        self, radius_px: int | None, opacity: float, *, has_outline: bool, draws_labels: bool
+    ) -> Overlays:
+        """Choose how points are drawn (see `DotStyle`), and whether the classes of pixels are.
+
+        Raises:
+            InputError: pixels have no classes to draw.
+        """
+        if draws_labels and (
+            coloring_of(self.observations) == "edge" or not self.observations.image_class_names
+        ):
+            raise InputError(f"{self.drive.path}: found no image labels, needed some for --labels")
+        return replace(self, style=DotStyle(radius_px, opacity, has_outline), draws_labels=draws_labels)
+
+    def write_points(self, folder: Path) -> Iterator[Path]:
+        """Write the points of each frame that the camera sees, with the colours of its image: see `write_ply`."""
+        return write_ply(self.drive, self.observations, list(self.poses.values())[-1], folder)
+
+    def write_video(self, path: Path) -> None:
+        """Write all frames as a video, which is made beside the path and then renamed.
+
+        Raises:
+            InputError: the suffix is not .mp4, a frame cannot be drawn, or the file cannot be written.
+        """
+        check_video(path)
+        write_video([self.image(frame) for frame in range(self.observations.num_frames)], path)
 
     def write(self, frame: int, path: Path) -> None:
         """Write the PNG of a frame, numbered from 0.
@@ -150,10 +179,18 @@ class Overlays:
         Raises:
             InputError: there is no such frame, its image is wrong, or the file cannot be written.
         """
+        write_image(self.image(frame), path)
+
+    def image(self, frame: int) -> Image:
+        """Draw a frame, numbered from 0, with captions and the legend.
+
+        Raises:
+            InputError: there is no such frame, or its image is wrong.
+        """
         camera = self.observations.camera
         images, legend = self.draw(frame)
         images = {self.strip(frame, caption): image for caption, image in images.items()}
-        write_image(with_legend(images, legend, stacked=camera.width >= WIDE * camera.height), path)
+        return with_legend(images, legend, stacked=camera.width >= WIDE * camera.height)
 
     @cached_property
     def frame_names(self) -> list[str]:
@@ -186,7 +223,7 @@ class Overlays:
         legend: Legend = {}
         for caption, view in self.views.items():
             pixels, colors, pose_legend = self._colored(frame, view.project_frame(frame))
-            images[caption] = _draw_dots(background, pixels, colors)
+            images[caption] = draw_dots(background, pixels, colors, self.style)
             legend |= pose_legend
         return images, legend
 
@@ -197,6 +234,9 @@ class Overlays:
         image, is_photograph = image_of(self.drive, self.observations, frame)
         if not is_photograph:
             return (LABEL_STRENGTH * image).astype(np.uint8)
+        if self.draws_labels:
+            labels = paint(self.observations.images[frame].classes, palettes(self.observations)[1])
+            return ((1.0 - LABEL_SHARE) * _dim(image) + LABEL_SHARE * labels).astype(np.uint8)
         return _dim(image)
 
     def _colored(self, frame: int, projected: ProjectedPoints) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
@@ -246,7 +286,7 @@ def draw_depths(image: Image, points: npt.NDArray[np.float32], T_camera_lidar: P
     """
     projected = points_in_image(points, T_camera_lidar, camera)
     is_visible, colors = ~projected.is_hidden, level_colors(np.arange(256, dtype=np.uint8))
-    return _draw_dots(
+    return draw_dots(
         _dim(image), projected.pixels[is_visible], colors[depth_levels(projected.ranges_m[is_visible])]
     )
 
@@ -255,20 +295,6 @@ def _dim(image: Image) -> Image:
     grey_mixed = BACKGROUND_GRAY * image.mean(axis=2, keepdims=True) + (1.0 - BACKGROUND_GRAY) * image
     dimmed: Image = (BACKGROUND_STRENGTH * grey_mixed).astype(np.uint8)
     return dimmed
-
-
-def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) -> Image:
-    canvas = background.copy()
-    height, width = canvas.shape[:2]
-    radius = max(1, round(width / COLUMNS_PER_DOT_RADIUS))
-    span = np.arange(-radius, radius + 1)
-    du, dv = (grid.ravel() for grid in np.meshgrid(span, span))
-    is_disk = du**2 + dv**2 <= (radius + 0.5) ** 2
-    u, v = pixels[:, :1] + du[is_disk], pixels[:, 1:] + dv[is_disk]
-    is_inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    # Dots are assigned in the order of the points: the last one on a pixel remains.
-    canvas[v[is_inside], u[is_inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[is_inside]
-    return canvas
 
 
 def draw_labels(

@@ -22,7 +22,7 @@ HOST = "127.0.0.1"
 MAX_BODY_BYTES = 10_000
 MAX_ERROR = 500
 TOKEN_BYTES = 24
-IMAGE = re.compile(r"(image|edges)/([0-9]{1,9})")
+IMAGE = re.compile(r"(image|edges|sweep)/([0-9]{1,9})")
 HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -95,14 +95,21 @@ class Handler(BaseHTTPRequestHandler):
         if name == "":
             self._answer("text/html; charset=utf-8", lambda: page_html(session).encode())
         elif name is not None and (match := IMAGE.fullmatch(name)):
-            self._answer("image/jpeg", lambda: session.image(int(match[2]), by_edge=match[1] == "edges"))
+            kind, frame = match[1], int(match[2])
+            self._answer(
+                "image/jpeg",
+                lambda: (
+                    session.sweep(frame) if kind == "sweep" else session.image(frame, by_edge=kind == "edges")
+                ),
+            )
         else:
             self._refuse(HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:
         """Answer a request about a pose."""
         session = self.server.session
-        questions = {"points": session.points, "refine": session.refine, "save": session.save}
+        names = ("points", "refine", "save", "pick", "pairs")
+        questions = {name: getattr(session, name) for name in names}
         if session.output is not None:
             questions["end"] = session.save
         name, length = self._requested_name() or "", self.headers.get("Content-Length", "")

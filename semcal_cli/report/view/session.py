@@ -32,6 +32,7 @@ from semcal_cli.report.colors import coloring_of, page_colors
 from semcal_cli.report.notations import T_notation
 from semcal_cli.report.overlays import edge_image, image_of
 from semcal_cli.report.points import View, associated_classes, encode_base64, frame_points
+from semcal_cli.report.view.pairs import Panorama, pose_of_pairs, read_pairs
 from semcal_cli.report.words import verdict_of
 
 MAX_POINTS = 40_000
@@ -167,6 +168,43 @@ class Session:
         _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         return content.tobytes()
 
+    def sweep(self, frame: int) -> bytes:
+        """Encode the picture of a sweep, on which points are picked, as JPEG.
+
+        Raises:
+            InputError: there is no such frame.
+        """
+        _, content = cv2.imencode(".jpg", self._panorama(frame).draw(), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        return content.tobytes()
+
+    def pick(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Find the point of a sweep that was clicked on.
+
+        Raises:
+            InputError: there is no such frame, or no point there.
+        """
+        frame, at = request.get("frame"), request.get("at")
+        self._check_frame(frame)
+        assert isinstance(frame, int)
+        if (
+            not isinstance(at, list)
+            or len(at) != 2
+            or not all(isinstance(value, int | float) for value in at)
+        ):
+            raise InputError(f"view: at: found {at!r}, needed a column and a row")
+        point, position = self._panorama(frame).pick(*map(float, at))
+        return {"point": point, "at": position}
+
+    def pairs(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Find the pose of pairs of a point and a pixel, with the camera near the pose of the page.
+
+        Raises:
+            InputError: there is no such pose, or the pairs determine none.
+        """
+        T_start = MovedPose.read(request).T_camera_lidar
+        T, error_px = pose_of_pairs(*read_pairs(request.get("pairs")), self.data.drive.camera, T_start)
+        return {"T": rigid("view: pairs", T, MAX_TRANSLATION_M).tolist(), "error_px": error_px}
+
     def points(self, request: dict[str, Any]) -> dict[str, Any]:
         """Project the points of a frame at a pose, and compare all frames there.
 
@@ -242,6 +280,10 @@ class Session:
         """
         for frame in range(len(self.data.drive.frames)):
             image_of(self.data.drive, self.observations, frame)
+
+    def _panorama(self, frame: int) -> Panorama:
+        self._check_frame(frame)
+        return Panorama.of_points(self.observations.clouds[frame].points)
 
     def _check_frame(self, frame: object) -> None:
         num_frames = len(self.data.drive.frames)

@@ -12,7 +12,7 @@
 
   const offsets = [0, 0, 0, 0, 0, 0];  // centimetres and degrees
   const poses = [];  // poses before refining, resetting or choosing a mounting
-  let base = data.start || Object.values(data.mountings)[0];
+  let base = data.start || data.mountings[byId("mounting").value];
   let frame = 0, points = null;
   const course = [];
   let lastPose = "", best = 1e-12;
@@ -127,9 +127,67 @@
   }));
   for (const input of document.querySelectorAll("input[name=reach]")) input.addEventListener("change", reach);
 
+  // Pairs of a point, clicked on in the sweep, and a pixel, clicked on in the image.
+  const sweep = byId("sweep"), panorama = byId("panorama");
+  let picked = null;  // point without its pixel
+  let pairs = [];
+  function pin(container, x, y) {
+    const mark = document.createElement("b");
+    mark.className = "pin";
+    mark.dataset.frame = frame;
+    mark.textContent = pairs.length + 1;
+    mark.style.left = `${100 * x}%`;
+    mark.style.top = `${100 * y}%`;
+    container.append(mark);
+    return mark;
+  }
+  function showPairs() {
+    for (const mark of document.querySelectorAll(".pin")) mark.hidden = Number(mark.dataset.frame) !== frame;
+    document.body.classList.toggle("picking", picked !== null);
+    byId("num-pairs").textContent = picked ? "now click the same place in the image" : `${pairs.length || "no"} pair${pairs.length === 1 ? "" : "s"}${pairs.length ? "" : " yet"}`;
+    byId("use-pairs").disabled = pairs.length < 2;
+    byId("clear-pairs").disabled = pairs.length === 0 && picked === null;
+  }
+  sweep.addEventListener("click", async (event) => {
+    const box = panorama.getBoundingClientRect();
+    const x = (event.clientX - box.left) / box.width, y = (event.clientY - box.top) / box.height;
+    try {
+      const found = await ask("pick", { frame, at: [x * panorama.naturalWidth, y * panorama.naturalHeight] });
+      if (picked) picked.mark.remove();
+      const mark = pin(sweep, found.at[0] / panorama.naturalWidth, found.at[1] / panorama.naturalHeight);
+      picked = { point: found.point, mark };
+    } catch (error) {
+      tell(error.message, "error");
+    }
+    showPairs();
+  });
+  image.addEventListener("click", (event) => {
+    if (!picked) return;
+    const box = image.getBoundingClientRect();
+    const x = (event.clientX - box.left) / box.width, y = (event.clientY - box.top) / box.height;
+    pin(image, x, y);
+    pairs.push({ point: picked.point, pixel: [x * data.width - 0.5, y * data.height - 0.5] });
+    picked = null;
+    showPairs();
+  });
+  function clearPairs() {
+    for (const mark of document.querySelectorAll(".pin")) mark.remove();
+    picked = null;
+    pairs = [];
+    showPairs();
+  }
+  byId("clear-pairs").addEventListener("click", clearPairs);
+  byId("picking").addEventListener("toggle", () => showSweep());
+  function showSweep() {
+    const source = `sweep/${frame}`;
+    if (byId("picking").open && panorama.getAttribute("src") !== source) panorama.src = source;
+    showPairs();
+  }
+
   // The mouse drags what is under it.
   let last = null;
   image.addEventListener("pointerdown", (event) => {
+    if (picked) return;
     image.setPointerCapture(event.pointerId);
     last = [event.clientX, event.clientY];
   });
@@ -175,7 +233,12 @@
     frame = Math.min(data.frames.length - 1, Math.max(0, number));
     byId("frame").value = frame;
     points = null;
+    if (picked) {
+      picked.mark.remove();
+      picked = null;
+    }
     showBackground();
+    showSweep();
     update();
   }
   byId("frame").addEventListener("input", (event) => showFrame(Number(event.target.value)));
@@ -224,6 +287,16 @@
     leave();
     begin(found.T);
     tell([`${found.title}. ${found.figures}`, ...found.reasons].join("\n"), found.status);
+  });
+  byId("use-pairs").addEventListener("click", async () => {
+    try {
+      const found = await ask("pairs", { ...asked(), pairs });
+      leave();
+      begin(found.T);
+      tell(`${pairs.length} pairs: the farthest point is ${found.error_px.toFixed(1)} pixels from its pixel.`);
+    } catch (error) {
+      tell(error.message, "error");
+    }
   });
   const saved = (found) => {
     if (found.path === null) {

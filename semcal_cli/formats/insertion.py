@@ -1,0 +1,265 @@
+"""A transform set in a file that is there already. Only its numbers change: comments, order and layout stay.
+
+A document gets it under a key, in the notation that the value has. URDF, launch files and KITTI's calibrations know
+their own place. What is written is read again: the transform must be the same, and the rest of a document as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from semcal_cli.errors import InputError, describe, listed
+from semcal_cli.files.documents import FORMATS as DOCUMENTS, parse_any
+from semcal_cli.files.validation import key_part
+from semcal_cli.formats import urdf
+from semcal_cli.formats.format import Format, FormatOptions, Source, edited
+from semcal_cli.formats.frame_names import apply_direction, optical_axes
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.opencv import blank_storage, is_storage
+from semcal_cli.formats.pose import RPY, XYZ, XYZW, number_text, numbers_of
+from semcal_cli.geometry.arrays import Pose
+
+TOLERANCE = 1e-6
+"""Largest difference of a number that is read again: numbers are written with nine decimals."""
+TRANSLATIONS = (
+    "translation",
+    "position",
+    "xyz",
+    "t",
+    "T",
+    "trans",
+    "origin",
+    "Pcl",
+    "extrinsic_T",
+    "extrinsic_t",
+)
+ROTATIONS = ("rotation", "orientation", "quaternion", "rpy", "R", "rot", "Rcl", "extrinsic_R", "extrinsic_r")
+"""Names of the two parts of a transform."""
+MATRIX = "data"
+"""Key of the numbers in a matrix of OpenCV or ROS."""
+
+
+def format_of(source: Source, key: str | None, formats: Sequence[Format]) -> Format | None:
+    """Choose the format as which a file is edited; None for a document that gets the transform under a key."""
+    if source.path.suffix.lower() in DOCUMENTS:
+        on_base = [
+            format for format in formats if format.set_camera is not None and format.recognises(source)
+        ]
+        return on_base[0] if on_base else None
+    # Only the joints of a URDF have names; elsewhere a key leads into a document.
+    editable = [format for format in formats if format.edit is not None and format.recognises(source)]
+    return editable[0] if editable and (key is None or editable[0] is urdf.FORMAT) else None
+
+
+def set_transform(
+    T_camera_lidar: Pose, source: Source, format: Format | None, key: str | None, options: FormatOptions
+) -> bytes:
+    """Set a transform in a file, and return the content of the new file.
+
+    Args:
+        T_camera_lidar: (4, 4), p_camera = T_camera_lidar @ p_lidar, metres.
+        source: The file.
+        format: Its format, if it is known and files of it are edited; None for a document.
+        key: Keys that lead to the transform in a document, such as `sensors.front.T`, or the name of a joint of a URDF.
+        options: What the file leaves open: the names of the frames, or the direction under the key.
+
+    Raises:
+        InputError: the file has no place for a transform, or leaves something open.
+    """
+    options = replace(options, is_written=True)
+    if format is not None and format.edit is not None:
+        content = edited(source, format.edit(source, T_camera_lidar, key, options))
+    elif format is not None and format.set_camera is not None:
+        if key is not None:
+            raise InputError(f"{source.path}: found {format.name}, whose entries have names; leave out --key")
+        entry, T = format.set_camera(source, T_camera_lidar, options)
+        content = _set_in_document(T, source, next(_paths_to(entry, source.document)))
+    else:
+        if key is None:
+            raise InputError(
+                f"{source.path}: found no --key, needed the keys of the transform, such as a.b.T"
+            )
+        path = _resolve(Node(str(source.path), parse_any(_standard(source), source.path)), key)
+        T = T_camera_lidar
+        if options.frame is not None:
+            T = optical_axes(str(source.path), "", options) @ T
+        return _set_in_document(apply_direction(f"{source.path}: {key}", T, options), source, path)
+    again = format.read(Source(source.path, content), replace(options, is_written=False))
+    if not np.allclose(again, T_camera_lidar, rtol=0.0, atol=TOLERANCE):
+        raise InputError(
+            f"{source.path}: the transform cannot be set, needed --to {format.name} and a new file"
+        )
+    return content
+
+
+def _set_in_document(T: Pose, source: Source, path: list[Any]) -> bytes:
+    """Write a transform as it is under a path of keys."""
+    text = _standard(source)
+    where = f"{source.path}: {''.join(map(key_part, path)).removeprefix('.')}"
+    place = _descend(yaml.compose(text, Loader=yaml.SafeLoader), path)
+    numbers = _numbers(where, place, T)
+    places = [(node.start_mark.index, node.end_mark.index, number_text(value)) for node, value in numbers]
+    content = edited(source, places)
+    before, after = (
+        parse_any(_standard(each), source.path) for each in (source, Source(source.path, content))
+    )
+    if _without(before, path) != _without(after, path):
+        raise InputError(f"{where}: the transform cannot be set without changing more than it")
+    return content
+
+
+def _paths_to(value: Any, document: Any) -> Iterator[list[Any]]:
+    """Find the keys that lead to a value of a document, which is the same object."""
+    if document is value:
+        yield []
+    elif isinstance(document, dict | list):
+        items = document.items() if isinstance(document, dict) else enumerate(document)
+        for key, part in items:
+            yield from ([key, *path] for path in _paths_to(value, part))
+
+
+def _standard(source: Source) -> str:
+    """Return the text of a document as the YAML parser takes it, with all numbers in their places."""
+    text = blank_storage(source.text) if is_storage(source.text) else source.text
+    return text.replace("\t", " ") if source.path.suffix.lower() == ".json" else text
+
+
+def _resolve(node: Node, key: str) -> list[Any]:
+    """Find the keys and indices that a text such as `a.b[0].c` means; keys may hold dots themselves."""
+    path: list[Any] = []
+    rest = key
+    while rest:
+        choices: Mapping[Any, Any] = {}
+        if isinstance(node.value, dict):
+            choices = node.value
+        elif isinstance(node.value, list):
+            choices = dict(enumerate(node.value))
+        is_list = isinstance(node.value, list)
+        names = {f"[{name}]" if is_list else str(name): name for name in choices}
+        matching = [name for name in names if rest == name or rest.startswith((f"{name}.", f"{name}["))]
+        if not matching:
+            found = f"keys {listed(names)}" if names else describe(node.value)
+            raise InputError(f"{node.where}: found {found}, needed the key {rest!r}")
+        name = max(matching, key=len)
+        path.append(names[name])
+        node = node.child(names[name], choices[names[name]])
+        rest = rest[len(name) :].removeprefix(".")
+    return path
+
+
+def _descend(node: Any, path: list[Any]) -> Any:
+    for key in path:
+        if isinstance(node, yaml.SequenceNode):
+            node = node.value[key]
+        else:
+            node = next(value for name, value in node.value if name.value == str(key))
+    return node
+
+
+def _without(document: Any, path: list[Any]) -> Any:
+    """Empty the value under a path of keys, in a document that nothing else uses."""
+    container = document
+    for key in path[:-1]:
+        container = container[key]
+    container[path[-1]] = None
+    return document
+
+
+def _numbers(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
+    """Pair the scalars of a value with the numbers of a transform, in the notation of the value."""
+    if isinstance(node, yaml.MappingNode):
+        entries = {name.value: value for name, value in node.value}
+        if MATRIX in entries:
+            return _numbers(where, entries[MATRIX], T)
+        if XYZ[0] in entries:
+            return [*_named(where, entries, T, XYZ), *_rotation(where, node, T)]
+        parts = [[name for name in names if name in entries] for names in (TRANSLATIONS, ROTATIONS)]
+        if all(len(names) == 1 for names in parts):
+            (translation,), (rotation,) = parts
+            return [
+                *_translation(f"{where}{key_part(translation)}", entries[translation], T),
+                *_rotation(f"{where}{key_part(rotation)}", entries[rotation], T),
+            ]
+    scalars = list(_scalars(node))
+    if len(scalars) in (12, 16) and _is_matrix(node, 4):
+        return list(zip(scalars, T.ravel().tolist(), strict=False))
+    raise InputError(
+        f"{where}: found {describe(_value(node))}, needed 3 x 4 or 4 x 4 numbers, x y z with roll pitch yaw or "
+        "qx qy qz qw, or a translation and a rotation"
+    )
+
+
+def _translation(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
+    if isinstance(node, yaml.MappingNode):
+        return _named(where, {name.value: value for name, value in node.value}, T, XYZ)
+    scalars = list(_scalars(node))
+    if len(scalars) != 3:
+        raise InputError(f"{where}: found {describe(_value(node))}, needed three numbers")
+    return list(zip(scalars, T[:3, 3].tolist(), strict=True))
+
+
+def _rotation(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
+    """Pair the numbers of a rotation: nine by rows, named angles, or a quaternion whose parts have names."""
+    if isinstance(node, yaml.MappingNode):
+        entries = {name.value: value for name, value in node.value}
+        if MATRIX in entries:
+            return _rotation(where, entries[MATRIX], T)
+        for names in (RPY, XYZW):
+            if all(name in entries for name in names):
+                return _named(where, entries, T, names)
+        if "w" in entries:
+            return _named(where, {f"q{name}": value for name, value in entries.items()}, T, XYZW)
+        raise InputError(f"{where}: found {listed(entries)}, needed {' '.join(RPY)}, or {' '.join(XYZW)}")
+    scalars = list(_scalars(node))
+    if len(scalars) == 9:
+        return list(zip(scalars, T[:3, :3].ravel().tolist(), strict=True))
+    if len(scalars) == 3 and where.endswith("rpy"):
+        return _named(where, dict(zip(RPY, scalars, strict=True)), T, RPY)
+    needed = "needed nine numbers, or roll pitch yaw or the parts of a quaternion by their names"
+    raise InputError(f"{where}: found {describe(_value(node))}, {needed}")
+
+
+def _named(
+    where: str, entries: Mapping[str, Any], T: Pose, names: tuple[str, ...]
+) -> list[tuple[Any, float]]:
+    values = numbers_of(T)
+    if missing := [name for name in names if name not in entries]:
+        raise InputError(f"{where}: found {listed(entries)}, needed {missing[0]!r}, too")
+    for name in names:
+        if list(_scalars(entries[name])) != [entries[name]]:
+            raise InputError(f"{where}: {name}: found {describe(_value(entries[name]))}, needed a number")
+        if name in RPY and abs(float(entries[name].value)) > 2.0 * np.pi:
+            raise InputError(f"{where}: {name}: found {entries[name].value}, needed radians")
+    return [(entries[name], values[name]) for name in names]
+
+
+def _scalars(node: Any) -> Iterator[Any]:
+    """Go through the numbers of a value in their order."""
+    if isinstance(node, yaml.ScalarNode):
+        if isinstance(_value(node), int | float):
+            yield node
+    elif isinstance(node, yaml.SequenceNode):
+        for item in node.value:
+            yield from _scalars(item)
+
+
+def _is_matrix(node: Any, columns: int) -> bool:
+    rows = node.value
+    return all(isinstance(row, yaml.ScalarNode) for row in rows) or all(
+        isinstance(row, yaml.SequenceNode) and len(list(_scalars(row))) == columns for row in rows
+    )
+
+
+def _value(node: Any) -> Any:
+    """Return what a node stands for, as semcal reads YAML."""
+    if isinstance(node, yaml.ScalarNode):
+        return parse_any(node.value, Path("value.yaml")) if node.style is None and node.value else node.value
+    if isinstance(node, yaml.SequenceNode):
+        return [_value(item) for item in node.value]
+    return {name.value: _value(value) for name, value in node.value}

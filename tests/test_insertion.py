@@ -1,0 +1,211 @@
+"""A transform that is set in a file which is there already, of which only the numbers change."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from commands import invoke
+from conftest import make_pose
+from format_files import BODY_OF_OPTICAL, FILES as FORMAT_FILES, T_ANY, rpy, words, xyzw
+
+from semcal_cli.errors import InputError
+from semcal_cli.formats import read_transform, set_in_file, write_transform
+from semcal_cli.formats.format import FormatOptions
+
+ANY_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
+LAUNCH_PY = """from launch import LaunchDescription
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    # the LiDAR's mast was bent in May: é
+    imu = Node(package="tf2_ros", executable="static_transform_publisher",
+               arguments=["0", "0", "0", "0", "0", "0", "a", "b"])
+    return LaunchDescription([imu, Node(
+        package='tf2_ros', executable='static_transform_publisher',
+        arguments=['--x', '0.1', '--y', '0', '--z', '-1.5',  # metres
+                   '--roll', '0', '--pitch', '0', '--yaw', '1.5', '--frame-id', 'os_sensor',
+                   '--child-frame-id', 'front_optical'])])
+"""
+ROBOT = """<?xml version="1.0"?>
+<robot name="cart" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <!-- <joint name="camera_joint"><origin xyz="9 9 9"/></joint> -->
+  <joint name="mast" type="fixed">
+    <parent link="base_link"/><child link="velodyne"/>
+    <origin xyz="0 0 1.5" rpy="0 0 0.3"/>
+  </joint>
+  <joint name="camera_joint" type="fixed">
+    <origin rpy="0 0 0" xyz="${x} 0.1 0.4" />  <!-- measured by hand -->
+    <parent link="base_link"/><child link="camera_link"/>
+  </joint>
+  <joint name="optical" type="fixed"><origin rpy="-1.570796327 0 -1.570796327"/>
+    <parent link="camera_link"/><child link="camera_optical_frame"/></joint>
+</robot>
+"""
+KITTI = (
+    "P0: 700 0 600 0 0 700 170 0 0 0 1 0\nP2: 700 0 600 42 0 700 170 0.2 0 0 1 0.003\n"
+    "R0_rect: 0.999923936 0.009837760 -0.007445048 -0.009869795 0.999942115 -0.004278459 0.007402527 0.004351614 "
+    "0.999963132\r\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\nTr_imu_to_velo: 1 0 0 0 0 1 0 0 0 0 1 0\n"
+)
+FILES = {
+    "robot.urdf.xacro": (ROBOT, "camera_joint", FormatOptions()),
+    "static.launch.py": (LAUNCH_PY, None, FormatOptions()),
+    "static.launch.xml": (
+        "<launch>\n  <!-- é --><node pkg='tf2_ros' exec='static_transform_publisher' name='a'\n"
+        "    args='0 0 0 0 0 0 1 camera_link velodyne'/>\n</launch>\n",
+        None,
+        FormatOptions(frame="body"),
+    ),
+    "static.sh": (
+        "# the old one\nros2 run tf2_ros static_transform_publisher --x 0 --y 0 --z 0 \\\n  --qx 0 --qy 0 --qz 0 "
+        "--qw 1 --frame-id os --child-frame-id 'cam_optical'\n",
+        None,
+        FormatOptions(),
+    ),
+    "calib.txt": (KITTI, None, FormatOptions(camera="P2")),
+}
+
+
+def calibration(folder: Path) -> Path:
+    write_transform(T_ANY, folder / "T.yaml", "semcal")
+    return folder / "T.yaml"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_only_the_numbers_of_the_transform_change(name: str, tmp_path: Path) -> None:
+    text, key, options = FILES[name]
+    target, output = tmp_path / name, tmp_path / f"new.{name}"
+    target.write_bytes(text.encode())
+    set_in_file(calibration(tmp_path), target, output, key=key, write_options=options)
+    assert target.read_bytes() == text.encode()
+    np.testing.assert_allclose(read_transform(output, None, options), T_ANY, atol=1e-7)
+    new = output.read_bytes().decode().splitlines(keepends=True)
+    changed = [
+        (old, line) for old, line in zip(text.splitlines(keepends=True), new, strict=True) if old != line
+    ]
+    assert 1 <= len(changed) <= 2
+    for old, line in changed:
+        assert ANY_NUMBER.sub("#", old).replace("${x}", "#") == ANY_NUMBER.sub("#", line)
+    assert max(len(match[0]) for _, line in changed for match in ANY_NUMBER.finditer(line)) <= 12
+
+
+T_LIDAR_BODY = np.linalg.inv(BODY_OF_OPTICAL @ T_ANY)
+DOCUMENTS: dict[str, tuple[str, Any, FormatOptions, Any]] = {
+    "sensors.front.T": (
+        "# rig 7\nsensors:\n  front:\n    T: [[1, 0, 0, 0],   # old\n        [0, 1, 0, 0], [0, 0, 1, 0]]\n"
+        "  rear: {T: [1.0]}\n",
+        lambda found: np.vstack([found["sensors"]["front"]["T"], [0, 0, 0, 1]]),
+        FormatOptions(direction="lidar-to-camera"),
+        T_ANY,
+    ),
+    "/**.ros__parameters.a.b[1].T": (
+        "/**:\n  ros__parameters:\n    a.b:\n    - 1\n    - T: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n",
+        lambda found: np.reshape(found["/**"]["ros__parameters"]["a.b"][1]["T"], (4, 4)),
+        FormatOptions(direction="lidar-to-camera"),
+        T_ANY,
+    ),
+    "robot.base.camera": (
+        "robot:\n  base:\n    camera: {x: 0, y: 0, z: 0, roll: 0.1, pitch: 0, yaw: 1.57} # radians\n",
+        lambda found: [
+            found["robot"]["base"]["camera"][name] for name in ("x", "y", "z", "roll", "pitch", "yaw")
+        ],
+        FormatOptions(direction="camera-to-lidar", frame="body"),
+        [*T_LIDAR_BODY[:3, 3], *rpy(T_LIDAR_BODY)],
+    ),
+    "tf": (
+        '{"tf":\t{"rotation": {"x": 0, "y": 0, "z": 0, "w": 1},\t"translation": [0, 0, 1e-3]}}',
+        lambda found: [
+            *(found["tf"]["rotation"][name] for name in "xyzw"),
+            *found["tf"]["translation"],
+        ],
+        FormatOptions(direction="lidar-to-camera"),
+        [*xyzw(T_ANY), *T_ANY[:3, 3]],
+    ),
+    "ExtrinsicMat": (
+        "%YAML:1.0\n---\nExtrinsicMat: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n"
+        "   data: [1, 0, 0, 0, 0, 1, 0, 0,\n     0, 0, 1, 0, 0, 0, 0, 1]\nother: 3\n",
+        None,
+        FormatOptions(direction="lidar-to-camera"),
+        T_ANY,
+    ),
+}
+
+
+@pytest.mark.parametrize("key", DOCUMENTS)
+def test_a_document_gets_the_transform_in_its_own_notation(key: str, tmp_path: Path) -> None:
+    text, values, options, expected = DOCUMENTS[key]
+    target = tmp_path / f"theirs.{'json' if text.startswith('{') else 'yaml'}"
+    target.write_text(text)
+    content = set_in_file(calibration(tmp_path), target, key=key, write_options=options).decode()
+    assert ANY_NUMBER.sub("#", content) == ANY_NUMBER.sub("#", text)
+    if values is None:
+        target.write_text(content)
+        np.testing.assert_allclose(read_transform(target, None, options), expected, atol=1e-8)
+    else:
+        found = json.loads(content) if target.suffix == ".json" else yaml.safe_load(content)
+        np.testing.assert_allclose(values(found), expected, atol=1e-8)
+
+
+def test_a_pose_on_a_base_follows_from_that_of_the_lidar(tmp_path: Path) -> None:
+    kit = yaml.safe_load(FORMAT_FILES["autoware"][1])
+    target = tmp_path / "sensor_kit_calibration.yaml"
+    target.write_text("# of the kit\n" + yaml.dump(kit))
+    T = make_pose((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
+    write_transform(T, tmp_path / "T.yaml", "semcal")
+    options = FormatOptions(camera="camera0/camera_link")
+    content = set_in_file(tmp_path / "T.yaml", target, write_options=options).decode()
+    assert ANY_NUMBER.sub("#", content) == ANY_NUMBER.sub("#", target.read_text())
+    changed = yaml.safe_load(content)["sensor_kit_base_link"]
+    assert [name for name in changed if changed[name] != kit["sensor_kit_base_link"][name]] == [
+        "camera0/camera_link"
+    ]
+    target.write_text(content)
+    np.testing.assert_allclose(read_transform(target, None, options), T, atol=1e-8)
+    with pytest.raises(InputError, match="found autoware, whose entries have names; leave out --key"):
+        set_in_file(tmp_path / "T.yaml", target, key="sensor_kit_base_link", write_options=options)
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "complaint"),
+    [
+        ("a: {T: 1}", "a.b", r"a: found keys .*'?T'?.*, needed the key 'b'"),
+        ("a: {T: [1, 2]}", "a.T", "a.T: found a list of 2, needed 3 x 4 or 4 x 4 numbers"),
+        ("a: {x: 0, y: 0, z: 0, roll: 90, pitch: 0, yaw: 0}", "a", "roll: found 90, needed radians"),
+        ("a: {x: 0, y: 0, z: 0, yaw: 0}", "a", "found x, y, z, yaw, needed roll pitch yaw, or qx"),
+        ("a: {t: [0, 0, 0], q: [0, 0, 0, 1], rotation: [0, 0, 0, 1]}", "a", "needed nine numbers, or roll"),
+        ("a: &n [1, 0]\nT: *n", "T", "anchor"),
+        ("a: {T: 1}", None, "found no --key, needed the keys of the transform"),
+    ],
+)
+def test_a_place_without_a_transform_is_refused(
+    text: str, key: str | None, complaint: str, tmp_path: Path
+) -> None:
+    (tmp_path / "theirs.yaml").write_text(text)
+    options = FormatOptions(direction="lidar-to-camera")
+    with pytest.raises(InputError, match=complaint):
+        set_in_file(calibration(tmp_path), tmp_path / "theirs.yaml", key=key, write_options=options)
+
+
+def test_the_command_replaces_a_file_only_by_force(tmp_path: Path) -> None:
+    T, target = calibration(tmp_path), tmp_path / "robot.urdf"
+    target.write_text(ROBOT)
+    arguments = ["convert", T, "--into", target, "-o", target, "--key", "camera_joint"]
+    refused = invoke(*arguments)
+    assert str(refused.exception) == f"{target}: found a file, needed another -o, or --force to replace it"
+    assert target.read_text() == ROBOT
+    assert invoke(*arguments, "--force").exit_code == 0
+    np.testing.assert_allclose(read_transform(target), T_ANY, atol=1e-7)
+    unnamed = invoke("convert", T, "--into", target)
+    assert (
+        "found the joints mast, camera_joint, optical between 'velodyne' and 'camera_optical_frame', needed --key"
+    ) in str(unnamed.exception)
+    assert invoke("convert", T, "--into", target, "--to", "urdf").exit_code == 2
+    bare = tmp_path / "theirs.yaml"
+    bare.write_text(f"T: [{words(np.eye(4)).replace(' ', ', ')}]")
+    assert "needed --to-direction lidar-to-camera" in str(
+        invoke("convert", T, "--into", bare, "--key", "T").exception
+    )
