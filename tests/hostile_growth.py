@@ -170,7 +170,7 @@ def _u4(number: int) -> bytes:
 
 
 def _ros1(path: Path, body: Callable[[int], bytes], chunks: Callable[[int], list[int]]) -> None:
-    """Write a recording of ROS 1: chunks with their indexes, by the place where they start, and the places of chunks."""
+    """Write a recording of ROS 1: chunks with their indexes, by where they start, and the places of the chunks."""
     connections = []
     for key, kind in enumerate(SENSORS):
         texts = {"type": kind.replace("/msg", "").encode(), "md5sum": b"*", "message_definition": b""}
