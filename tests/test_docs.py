@@ -111,7 +111,7 @@ def test_limits_of_whole_files_are_those_of_the_code(limit: str) -> None:
 
 def test_every_limit_of_files_stands_in_the_documentation() -> None:
     """Each is compared above, or is not a number that a file can meet."""
-    compared = {name for name in re.findall(r"reading\.([A-Z_\d]+)", Path(__file__).read_text())}
+    compared = set(re.findall(r"reading\.([A-Z_\d]+)", Path(__file__).read_text()))
     assert {name for name in vars(reading) if name.isupper()} - compared == {"MIN_ROW_BYTES"}
 
 

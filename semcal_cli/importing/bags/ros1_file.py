@@ -97,7 +97,7 @@ class Ros1File:
         self._indexes = self._read_indexes([self._chunk_place() for _ in range(num_chunks)])
         spans: dict[Topic, Span] = {}
         for key, topic in self._topics.items():
-            times = self._indexes[key].times_ns if key in self._indexes else ()
+            times = self._indexes[key].times_ns if key in self._indexes else np.empty(0, np.int64)
             span = Span(len(times), int(times[0]), int(times[-1])) if len(times) else Span()
             spans[topic] = spans.get(topic, Span()).join(span)
         self.topics = [Topic(topic.name, topic.type, span, is_ros1=True) for topic, span in spans.items()]
