@@ -185,19 +185,14 @@ def listed(names: Iterable[object]) -> str:
 
 def shell(*words: object) -> str:
     """Write a command of semcal, quoted for the shell."""
-    texts = (path_word(word) if isinstance(word, Path) else str(word) for word in words)
+    texts = (_path_word(word) if isinstance(word, Path) else str(word) for word in words)
     return shlex.join(["semcal", *texts])
 
 
-def path_word(path: Path) -> str:
+def _path_word(path: Path) -> str:
     """Write a path as a word of a command, in which a name that begins with a dash would be an option."""
     word = str(path)
     return f"./{word}" if word.startswith("-") and word != "-" else word
-
-
-def without_passwords(text: str) -> str:
-    """Remove names and passwords from the addresses in a text."""
-    return re.sub(r"(?<=://)\S*@", "", text)
 
 
 def first_of(lines: Sequence[str], max_lines: int) -> list[str]:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import io
+import json
 import sqlite3
 import struct
 import zlib
@@ -70,6 +71,26 @@ def rig_of_cameras(folder: Path, count: int) -> None:
     """Write a rig of many cameras, and a transform of one that it does not have."""
     cameras = "".join(f"  c{index}: drive\n" for index in range(count))
     (folder / "rig.yaml").write_text(f"semcal_rig: 1\ncameras:\n{cameras}T_camera_camera: {{c: {{}}}}\n")
+
+
+def summary_of_drives(folder: Path, count: int) -> None:
+    """Write the summary of a batch of many drives."""
+    unit = [[float(row == column) for column in range(6)] for row in range(6)]
+    covariance = [[1e-4 * value for value in row] for row in unit]
+    fields = {
+        "status": "trusted",
+        "exit_code": 0,
+        "reasons": [],
+        "covariance": covariance,
+        "camera": "a" * 64,
+    }
+    rows = [row[:4] for row in unit[:4]]
+    (folder / "batch").mkdir()
+    with (folder / "batch/summary.jsonl").open("w") as file:
+        for index in range(count):
+            T = [[*rows[0][:3], 1e-6 * index], *rows[1:]]
+            place = {"drive": f"d{index}", "result": f"d{index}/calibration.yaml", "T_camera_lidar": T}
+            file.write(f"{json.dumps(fields | place)}\n")
 
 
 def _size(path: Path) -> tuple[int, int]:
@@ -307,6 +328,13 @@ KINDS: dict[str, Growth] = {
     ),
     "a rig of many cameras": Growth(
         rig_of_cameras, ("calibrate", "rig.yaml", "-o", "out"), "at most 100", 101, 400_000
+    ),
+    "a fleet of many drives": Growth(
+        summary_of_drives,
+        ("fleet", "batch"),
+        "batch: found more than 10,000 drives, needed at most so many in a fleet$",
+        10_001,
+        60_000,
     ),
     "scans of a JPEG": Growth(
         scans,

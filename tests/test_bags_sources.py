@@ -19,6 +19,7 @@ from bags import NS, ROS1_MCAP, BagWriter, header, write_drive
 from foxglove_recordings import FoxgloveWriter, VideoWriter, encoded
 from mcap.writer import Writer as McapWriter
 
+from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform
@@ -105,6 +106,24 @@ def test_frames_of_a_video_are_decoded_from_the_key_frame_before_them(tmp_path: 
 def test_a_video_that_cannot_be_decoded_is_named(images: Any, told: str, tmp_path: Path) -> None:
     path = small(tmp_path, image=nothing, **{"cam/video": images})
     assert told in refused(path, tmp_path / "drive")
+
+
+def test_a_video_of_few_bytes_is_not_decoded_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames that repeat the one before take a few bytes each."""
+    monkeypatch.setattr("semcal_cli.importing.bags.video.MIN_VIDEO_PIXELS", 16 * 256 * 256)
+
+    def images(bag: Any, index: int, stamp: int) -> Any:
+        return bag.image(np.zeros((256, 256, 3), np.uint8), "bgr8", stamp)
+
+    camera = Camera(model="plumb_bob", width=256, height=256, K=((9.0, 0, 8.0), (0, 9.0, 8.0), (0, 0, 1.0)))
+    writer = VideoWriter(BagWriter(tmp_path, "mcap"), "h264", key_every=100)
+    fill(writer, 100, image=images, info=lambda bag, index, stamp: bag.camera_info(camera, stamp))
+    monkeypatch.setattr("semcal_cli.importing.bags.video.MAX_PIXELS_A_BYTE", 100)
+    message = refused(writer.path, tmp_path / "drive")
+    told = "/cam/[a-z_]+: found a video of [0-9,]+ pixels in [0-9,]+ bytes, needed at most 100 a byte$"
+    assert re.search(told, message)
 
 
 def velodyne(bag: Any, index: int, stamp: int) -> Any:

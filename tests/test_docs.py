@@ -77,13 +77,18 @@ def test_limits_are_those_of_the_code() -> None:
 LIMITS_OF_WHOLE_FILES = f"""
 keys up to {reading.MAX_WHOLE_KEY:,} |
 {reading.MAX_COMMAND:,} characters |
-| {reading.MAX_CAMERAS} cameras |
+| {reading.MAX_CAMERAS} cameras; {reading.MAX_FLEET_DRIVES:,} drives |
 | {reading.MAX_JPEG_SCANS} scans and {reading.MAX_JPEG_SEGMENTS:,} segments of a JPEG;
+| a recording, unpacked | {reading.MAX_UNPACKED_BYTES >> 20} MiB a chunk and a message;
 {reading.MAX_READ_RATIO} times its size or {reading.MIN_READ_BYTES >> 30} GiB;
 or {reading.MIN_READ_RECORDS:,} records |
 | {reading.MAX_CHUNK_RECORDS:,} records a chunk, {reading.MAX_CHUNK_DEFINITIONS:,} of them schemas and channels;
 {reading.MAX_HELD_BYTES >> 20} MiB of messages that wait for other chunks,
 an index of {reading.MAX_SUMMARY_BYTES >> 20} MiB,
+{reading.MAX_CONNECTIONS:,} connections; an index of {reading.MAX_INDEX_ENTRIES:,} messages,
+headers of records of {reading.MAX_RECORD_HEADER >> 10} KiB and {reading.MAX_RECORD_FIELDS} fields |
+frames of level 6 of H.264, {reading.MAX_VIDEO_PIXELS / 1e6:.1f} megapixels;
+{reading.MAX_PIXELS_A_BYTE:,} px a byte in all, or {reading.MIN_VIDEO_PIXELS // 10**9} gigapixels |
 {reading.MAX_TOPICS:,} topics, whose names and types have up to {reading.MAX_TOPIC_NAME:,} characters;
 {reading.MAX_SQLITE_STEPS:,} instructions a statement, and {reading.SQLITE_STEPS_A_BYTE} a byte |
 {reading.MAX_PROTOBUF_VALUES:,} values a message
@@ -92,6 +97,7 @@ an index of {reading.MAX_SUMMARY_BYTES >> 20} MiB,
 {odometry.MAX_SWEEP_CELLS:,} voxels a sweep, and {odometry.MAX_SWEEP_POINTS:,} points,
 {odometry.MAX_ITERATIONS} iterations; {odometry.MAX_RESTARTS} new starts after jumps,
 one more every {odometry.SWEEPS_A_RESTART} sweeps |
+{reading.MAX_NETWORK_FILES} files of a network;
 {reading.ANSWER_S:.0f} s, {reading.MAX_ANSWER_BYTES >> 20} MiB for a description, {reading.MAX_REDIRECTS} redirections;
 downloads of {reading.MIN_BYTES_PER_S / 1000:.0f} kB a second or more,
 """
@@ -101,6 +107,12 @@ downloads of {reading.MIN_BYTES_PER_S / 1000:.0f} kB a second or more,
 def test_limits_of_whole_files_are_those_of_the_code(limit: str) -> None:
     text = (DOCS / "input.md").read_text()
     assert limit in text.partition("## Limits of whole files")[2].partition("\n## ")[0]
+
+
+def test_every_limit_of_files_stands_in_the_documentation() -> None:
+    """Each is compared above, or is not a number that a file can meet."""
+    compared = set(re.findall(r"reading\.([A-Z_\d]+)", Path(__file__).read_text()))
+    assert {name for name in vars(reading) if name.isupper()} - compared == {"MIN_ROW_BYTES"}
 
 
 def test_the_files_of_class_names_are_read(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import click
 
 from semcal_cli.cli.settings import ExampleCommand
-from semcal_cli.errors import counted, describe_extra, is_installed, reason, without_passwords
+from semcal_cli.errors import counted, describe_extra, is_installed, reason
 
 HUB = "https://huggingface.co"
 TIMEOUT_S = 3.0
@@ -109,6 +109,8 @@ def _cache() -> str:
 
 def _network() -> str:
     """Describe whether the hub answers."""
+    from semcal_cli.labelling.hub_answers import without_passwords
+
     endpoint = os.environ.get("HF_ENDPOINT") or HUB
     without = (
         "Networks for image labels must be files or in the cache; everything else works without a network"

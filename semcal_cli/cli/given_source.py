@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +26,6 @@ from semcal_cli.errors import (
     OccupiedError,
     describe_extra,
     is_installed,
-    path_word,
     shell,
 )
 from semcal_cli.files.documents import FORMATS, output_format
@@ -146,12 +144,8 @@ def typed_for(drive: Path) -> str:
     words, given = typed_words(context), context.params["drive"]
     for name in (*OF_RECORDINGS, *OF_DATASETS):
         words = without_option(words, name)
-    return shlex.join(
-        [
-            *context.command_path.split(),
-            *(path_word(drive) if Path(word) == given else word for word in words),
-        ]
-    )
+    typed = (drive if Path(word) == given else word for word in words)
+    return shell(*context.command_path.split()[1:], *typed)
 
 
 def _illustrated(settings: CalibrateSettings) -> CalibrateSettings:

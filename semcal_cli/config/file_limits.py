@@ -16,6 +16,8 @@ MAX_COMMAND = 4096
 """Maximum number of characters of a command of ROS in a file: splitting it into words takes the square of that."""
 MAX_CAMERAS = 100
 """Maximum number of cameras of a rig, which are compared in pairs."""
+MAX_FLEET_DRIVES = 10_000
+"""Maximum number of drives of a fleet, each of which takes 2.5 ms."""
 MAX_TRANSFORMS = 10_000
 """Maximum number of pairs of frames in a recording between which there are transforms."""
 
@@ -55,6 +57,11 @@ MAX_PROTOBUF_VALUES = 100_000
 """Maximum number of values of a Protobuf message besides bytes and text: each takes a hundred bytes when it is read."""
 MAX_MESSAGE_TRANSFORMS = 1000
 """Maximum number of transforms in a message."""
+MAX_VIDEO_PIXELS = 35_651_584
+"""Maximum number of pixels of a frame of a video, that of level 6 (ITU-T H.264, table A-1): decoders hold 16."""
+MAX_PIXELS_A_BYTE, MIN_VIDEO_PIXELS = 20_000, 10_000_000_000
+"""A video may be decoded to so many pixels a byte in all, or to this many pixels if that is more: a frame that repeats
+the one before takes a few bytes, and is decoded as any other."""
 MAX_FIELDS = 128
 """Maximum number of fields of a point."""
 

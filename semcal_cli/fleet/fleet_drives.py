@@ -7,12 +7,14 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config.file_limits import MAX_FLEET_DRIVES
 from semcal_cli.drive.document import first_stamp, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_json_lines
@@ -75,6 +77,10 @@ def read_fleet_drives(paths: Sequence[Path]) -> list[FleetDrive]:
     results: list[tuple[Path, FleetDrive]] = []
     for path in paths:
         results += _read_batch(path) if is_folder(path) else [(path, _read_single(path))]
+        if len(results) > MAX_FLEET_DRIVES:
+            raise InputError(
+                f"{path}: found more than {MAX_FLEET_DRIVES:,} drives, needed at most so many in a fleet"
+            )
     names = Counter(drive.name for _, drive in results)
     drives: list[FleetDrive] = []
     owners: dict[tuple[bytes, bytes], str] = {}
@@ -99,7 +105,7 @@ def read_fleet_drives(paths: Sequence[Path]) -> list[FleetDrive]:
 def _read_batch(folder: Path) -> list[tuple[Path, FleetDrive]]:
     """Read the result of each drive of a batch, with the folder that identifies the drive."""
     path, drives = folder / JSONL, []
-    for number, document in enumerate(read_json_lines(path), start=1):
+    for number, document in enumerate(islice(read_json_lines(path), MAX_FLEET_DRIVES + 1), start=1):
         where = Path(f"{path}: line {number}")
         if isinstance(document, dict) and document.get("status") in ("pass", "fail", "inconclusive"):
             raise InputError(

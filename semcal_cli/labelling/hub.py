@@ -15,7 +15,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.config.file_limits import MAX_NETWORK_FILES
-from semcal_cli.errors import InputError, check_installed, contrast, listed, reason, without_passwords
+from semcal_cli.errors import InputError, check_installed, contrast, listed, reason
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import make_folder, write_parts, write_text
@@ -26,6 +26,7 @@ from semcal_cli.labelling.hub_answers import (
     names_in,
     parts_of,
     read_json,
+    without_passwords,
 )
 
 PREFIX = "hf:"

@@ -40,6 +40,11 @@ class StatedFile(NamedTuple):
     """Its size."""
 
 
+def without_passwords(text: str) -> str:
+    """Remove names and passwords from the addresses in a text."""
+    return re.sub(r"(?<=://)\S*@", "", text)
+
+
 def read_json(url: str) -> Any:
     """Read a JSON document.
 

@@ -51,8 +51,8 @@ def main(*, only: tuple[str, ...] = (), share: float = 1.0, before: str = "") ->
 
 def figures(answer: Answer) -> tuple[str, str]:
     """Format processor time and memory."""
-    is_stopped = answer.cpu_s >= MAX_CPU_S - 1
-    return "> 60" if is_stopped else f"{answer.cpu_s:.1f}", f"{answer.max_bytes / 1e6:,.0f}"
+    is_stopped = answer.exit_code >= 128  # by a signal
+    return f"> {MAX_CPU_S}" if is_stopped else f"{answer.cpu_s:.1f}", f"{answer.max_bytes / 1e6:,.0f}"
 
 
 if __name__ == "__main__":

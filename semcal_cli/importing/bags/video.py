@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import cv2
 import numpy as np
 
-from semcal_cli.config import MAX_PIXELS
+from semcal_cli.config.file_limits import MAX_PIXELS_A_BYTE, MAX_VIDEO_PIXELS, MIN_VIDEO_PIXELS
+from semcal_cli.errors import InputError
 from semcal_cli.geometry.arrays import Image
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import PNG_SPEED
@@ -101,6 +102,7 @@ class Video:
         self._group: PictureGroup | None = None
         self._read_ns = bag.start_ns
         self._decoder: _Decoder | None = None
+        self._num_bytes = self._num_pixels = 0
 
     def seek(self, start_ns: int) -> None:
         """Advance to the time from which packets are taken next, and find the group that contains it."""
@@ -146,19 +148,32 @@ class Video:
                 f"found a video frame without a key frame in the {MAX_GROUP_BYTES >> 20} MiB before it"
             )
         if self._decoder is None or not self._decoder.is_before(packet.group, packet.index):
-            self._decoder = _Decoder(packet.group)
+            self._decoder = _Decoder(packet.group, self._count)
         pixels = self._decoder.frame(packet.index)
         _, content = cv2.imencode(".png", pixels, PNG_SPEED)
         return Still(packet.topic, packet.received_ns, content.tobytes())
+
+    def _count(self, num_bytes: int, frames: Iterable[VideoFrame]) -> None:
+        """Count what is decoded in all.
+
+        Raises:
+            InputError: it is too much for the size of the video.
+        """
+        self._num_bytes += num_bytes
+        self._num_pixels += sum(frame.width * frame.height for frame in frames)
+        if self._num_pixels > max(MAX_PIXELS_A_BYTE * self._num_bytes, MIN_VIDEO_PIXELS):
+            found = f"a video of {self._num_pixels:,} pixels in {self._num_bytes:,} bytes"
+            needed = f"needed at most {MAX_PIXELS_A_BYTE:,} a byte"
+            raise InputError(f"{self._bag.paths[0]}: {self._topic.name}: found {found}, {needed}")
 
 
 class _Decoder:
     """Decodes the frames of a group in their order."""
 
-    def __init__(self, group: PictureGroup) -> None:
+    def __init__(self, group: PictureGroup, count: Callable[[int, Iterable[VideoFrame]], None]) -> None:
         import av
 
-        self._group, self._next = group, 0
+        self._group, self._next, self._count = group, 0, count
         self._ready: deque[VideoFrame] = deque()
         self._is_flushed = False
         context = av.CodecContext.create(group.codec, "r")
@@ -166,7 +181,7 @@ class _Decoder:
         # Threads that decode one frame each would delay frames, and a multithreaded decoder of AV1 never ends if a
         # frame is cut off.
         context.thread_count = 1
-        context.options = {"max_pixels": str(MAX_PIXELS)}
+        context.options = {"max_pixels": str(MAX_VIDEO_PIXELS)}
         self._context = context
 
     def is_before(self, group: PictureGroup, index: int) -> bool:
@@ -195,7 +210,9 @@ class _Decoder:
                     packet = av.Packet(self._group.frames[self._next])
                     packet.pts, self._next = self._next, self._next + 1
                 self._is_flushed = packet is None
-                self._ready.extend(self._context.decode(packet))
+                frames = self._context.decode(packet)
+                self._count(0 if packet is None else packet.size, frames)
+                self._ready.extend(frames)
         except av.FFmpegError as error:
             self._is_flushed = True
             raise MessageError(f"found a damaged video frame: {error.strerror}") from None
