@@ -25,7 +25,7 @@ def test_motion_and_limits_that_hold_a_pose_are_said(
     assert check_motion(None) == check_motion(3.0) == ()
     (moved,) = check_motion(7.04)
     assert moved.sentence == (
-        "the LiDAR's motion is not compensated, so half of the points are off by 7.0 pixels or more, needed at most 3: "
+        "the LiDAR's motion is not compensated, so half of the points are off by 7.0 pixels or more (limit 3): "
         "give motion.poses or motion.twist in the drive, or record at lower speed"
     )
     agreement = core.agreement(street_observations.core, street_truth)
