@@ -14,7 +14,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.config.file_limits import MAX_NETWORK_FILES
-from semcal_cli.errors import InputError, check_installed, contrast, listed, reason
+from semcal_cli.errors import InputError, check_installed, listed, mismatch, reason
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import make_folder, write_parts, write_text
@@ -87,7 +87,7 @@ class HubName:
 
     def error(self, found: str, needed: str) -> InputError:
         """Make the error about this network."""
-        return InputError(f"{self.text}: {contrast(found, needed)}")
+        return InputError(f"{self.text}: {mismatch(found, needed)}")
 
 
 def is_hub_name(name: str) -> bool:
