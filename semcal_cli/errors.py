@@ -9,7 +9,6 @@ import difflib
 import gc
 import re
 import shlex
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -21,9 +20,8 @@ MAX_LISTED_LENGTH = 40
 MAX_COMPARED, MAX_COMPARED_LENGTH = 1000, 64
 """Maximum number of names that are compared with another one, and of their characters: the time grows with the square
 of the length, and a file can hold any name."""
-COMPARED = re.compile(r"[-+]?\d|at (most|least)|(more|less) than|fewer|norm|[\[(]")
+_COMPARED = re.compile(r"[-+]?\d|at (most|least)|(more|less) than|fewer|norm|[\[(]")
 """How an expected value begins that a person compares with the found one."""
-PLUS_MINUS = re.compile(r"(\d )?\+- ?")
 MAX_MORE_DIGITS = 6
 """Maximum number of digits that are added to tell two numbers apart."""
 
@@ -96,30 +94,10 @@ def printable(text: str) -> str:
     return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
 
 
-def signed(text: str) -> str:
-    """Write intervals with a plus-minus sign, as people read them; files keep "+-", which every encoding has."""
-    return PLUS_MINUS.sub(lambda sign: f"{sign[1]}± " if sign[1] else "±", text)
-
-
-def for_people(text: str) -> str:
-    """Write a line of the terminal: printable, and with plus-minus signs where both streams can encode them."""
-    text = printable(text)
-    try:
-        for stream in (sys.stdout, sys.stderr):
-            "±".encode(getattr(stream, "encoding", None) or "ascii")
-    except (UnicodeEncodeError, LookupError):
-        return text
-    return signed(text)
-
-
 def mismatch(found: object, expected: object) -> ValueError:
-    """Make the error that a validator raises for a wrong value."""
-    return ValueError(contrast(found, expected))
-
-
-def contrast(found: object, expected: object) -> str:
-    """Say what was found and what was expected: "needed" before a number or a limit, which a person compares."""
-    return f"found {found}, {'needed' if COMPARED.match(str(expected)) else 'expected'} {expected}"
+    """Make the error that a validator raises for a wrong value: "needed" stands before what a person compares."""
+    word = "needed" if _COMPARED.match(str(expected)) else "expected"
+    return ValueError(f"found {found}, {word} {expected}")
 
 
 def describe(value: object) -> str:

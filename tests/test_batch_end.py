@@ -11,12 +11,12 @@ from rich.console import Console
 from semcal_cli.cli.batch_progress import MAX_NAMED, BatchProgress, print_end
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.config import Limits
-from semcal_cli.errors import signed
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.many.batch.records import write_summary
 from semcal_cli.many.batch.tasks import Outcome, failed_outcome
+from semcal_cli.readable import signed
 from semcal_cli.result.uncertainty import widest
 
 

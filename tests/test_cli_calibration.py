@@ -92,7 +92,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     assert lines[-5] == f"written to       {tmp_path / 'out.yaml'}"
     assert lines[-4] == "verdict          not trusted: 1 doubt, see above"
     assert re.fullmatch(
-        r"visible points with classes cover \d\.\d% of the image, needed at least 3%: label more points, or "
+        r"visible points with classes cover \d\.\d% of the image \(limit 3%\): label more points, or "
         "check which ids the drive ignores",
         calibration.reasons[0],
     )
@@ -109,8 +109,8 @@ def test_a_runner_up_that_is_close_is_not_trusted(drive: Path, tmp_path: Path, c
     assert code == EXIT_NOT_TRUSTED
     (reason,) = read_calibration(tmp_path / "out.yaml").reasons
     assert re.fullmatch(
-        r"a mounting \d+ degrees away explains the labels almost as well: only \d\.\d\d standard errors worse, "
-        r"needed at least 2: add frames from other places, or measure the mounting by hand and give "
+        r"a mounting \d+ degrees away explains the labels only \d\.\d\d standard errors worse; a trusted pose must "
+        r"beat every other by 2: add frames from other places, or measure the mounting by hand and give "
         r"it with --init",
         reason,
     )

@@ -71,9 +71,9 @@ def test_nothing_is_found_against_a_good_drive(
     [
         (
             lambda seen: seen.with_images(seen.images[1:] + seen.images[:1]),
-            r"images of other frames fit the clouds \d{3}% as well as their own, needed at most 55%: compare ",
+            r"images of other frames fit these sweeps \d{3}% as well as their own \(limit 55%\): compare ",
         ),
-        (shuffled, r".* degrees, points and images still fit (\d{3}% as well|better than)"),
+        (shuffled, r"turned by \d+ degrees, the camera still fits \d{3}% as well|.*better than"),
         (mostly_one_class, r"nearly all points in the image have the same class, equivalent to 1\."),
         (lambda seen: all_pixels_of(seen, 0), "nearly all pixels have the same class"),
         (

@@ -139,9 +139,7 @@ def test_images_of_another_moment_and_mirrored_ones_are_named(
     frames[5] = replace(frames[5], image_labels=frames[5].image_labels[:, ::-1].copy())
     raw = long_street.with_frames(frames)
     (finding,) = paired(raw, tmp_path)
-    assert finding.sentence.startswith(
-        "points and pixels of frames 000002 and 000005 may not belong together, since "
-    )
+    assert finding.sentence.startswith("points and pixels of frames 000002 and 000005 look mismatched; ")
 
 
 def test_frames_of_one_scene_are_told_from_others(long_street: RawDrive, rng: np.random.Generator) -> None:

@@ -191,7 +191,7 @@ def test_the_notebook_is_stored_without_outputs_and_shown_with_them(site: Path) 
     assert [(cell["outputs"], cell["execution_count"]) for cell in code] == [([], None)] * len(code)
     page = (site / "notebook" / "index.html").read_text()
     text = " ".join(html.unescape(re.sub(r"<[^>]+>", "", page)).split())
-    assert re.search(r"Trusted: ± \d+\.\d mm, ± 0\.\d+ degrees \(95 %\)", text)
+    assert re.search(r"Trusted: ±\d+\.\d mm, ±0\.\d+ degrees \(95 %\)", text)
     assert "'pass'" in text
     assert "fail: The camera is not where the transform says." in text
     assert "ros2 run tf2_ros static_transform_publisher --x" in text

@@ -127,7 +127,9 @@ def test_a_start_two_degrees_off_comes_back_and_few_scenes_are_not_trusted(
     assert error.rotation_deg < 0.3
     assert error.camera_center_cm < 8.0
     few = calibrate(data.of_frames([0, 1]), config, initial_pose=start)
-    assert any("the frames show 2 places, needed at least 4 for edges" in reason for reason in few.reasons)
+    assert any(
+        "the frames show 2 places; at least 4 are needed for edges" in reason for reason in few.reasons
+    )
 
 
 def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_truth: Pose) -> None:

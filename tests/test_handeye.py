@@ -134,7 +134,7 @@ def test_a_rotation_that_motion_contradicts_is_doubted() -> None:
 
     assert compared(0.005) == ()
     (sentence,) = compared(0.03)
-    assert "gives a rotation 1.72 degrees away, 8.3 standard errors, needed at most 4" in sentence
+    assert "gives a rotation 1.72 degrees away, 8.3 standard errors (limit 4)" in sentence
 
 
 @pytest.fixture(scope="module")

@@ -75,7 +75,7 @@ def test_held_out_data_reject_what_only_the_kept_data_like(torn: Observations, s
     assert not polished.is_accepted
     (finding,) = check_stages(None, polished, None)
     assert re.match(
-        r"the polish was rejected; held-out data agree \d+\.\d standard errors worse after it, needed at most 3: ",
+        r"the polish was rejected; held-out data agree \d+\.\d standard errors worse after it \(limit 3\): ",
         finding.sentence,
     )
     np.testing.assert_array_equal(polished.T_camera_lidar, street_truth)

@@ -25,8 +25,9 @@ def test_motion_and_limits_that_hold_a_pose_are_said(
     assert check_motion(None) == check_motion(3.0) == ()
     (moved,) = check_motion(7.04)
     assert moved.sentence == (
-        "the LiDAR's motion is not compensated, so half of the points are off by 7.0 pixels or more, needed at most 3: "
-        "give motion.poses or motion.twist in the drive, or record at lower speed"
+        "the LiDAR's motion is not compensated, so half of the points are off by 7.0 pixels or more (limit 3): "
+        "run `semcal odometry DRIVE`, give motion.poses or motion.twist, or write `motion: {speed_m_s: 0"
+        "}` if the rig stood still"
     )
     agreement = core.agreement(street_observations.core, street_truth)
     T = np.eye(4)

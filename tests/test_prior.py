@@ -136,8 +136,8 @@ def test_what_contradicts_the_labels_or_itself_is_said(
     fused = fuse_with_priors(street_observations, polished, [prior])
     (finding,) = check_stages(None, None, fused)
     assert re.fullmatch(
-        r"--fix ty is 20\.\d cm from the pose that labels alone give, chi-square \d+ with 1 degree of freedom, needed "
-        r"at most \d+: measure it again, or give a larger SIGMA",
+        r"--fix ty is 20\.\d cm from the pose that labels alone give, chi-square \d+ with 1 degree of freedom "
+        r"\(limit \d+\): measure it again, or give a larger SIGMA",
         finding.sentence,
     )
     tape = Prior("tape", nudged(polished, (0.01, 0.0, 0.0)), (0.001, *FREE[:5]))

@@ -123,7 +123,7 @@ def test_the_check_is_called(copy: Path, street: Path, tmp_path: Path) -> None:
         assert frame.image is not None
         width, height = drive.camera.size
         write_image(np.full((height, width, 3), 255, np.uint8), drive.resolve(frame.image))
-    sentence = "100% of the pixels are white, needed at most 20%: record again with a shorter exposure"
+    sentence = "100% of the pixels are white (limit 20%): record again with a shorter exposure"
     for folder, is_doubted in ((white, True), (street, False)):
         path = tmp_path / f"{folder.name}.yaml"
         words = ("refine", folder, "--init", street, "--cue", "labels", "-q", "-o", path)

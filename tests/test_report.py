@@ -266,7 +266,7 @@ def test_a_rejected_polish_is_said_to_be(made: Path, street: Path, tmp_path: Pat
     rejected = {"polish": record.polish.model_copy(update=worse), "uncertainty": None}
     write_calibration(record.model_copy(update=rejected), tmp_path / "c.yaml")
     page = page_of(street, tmp_path / "c.yaml", tmp_path)
-    assert "held-out data agree worse after the polish, by 0.3000 +- 0.0500 nats" in page
+    assert "held-out data agree worse after the polish, by 0.3000 ± 0.0500 nats" in page
     assert "polished <small>rejected</small>" in page
     lost = (
         "held-out data lost information (-0.3000 \u00b1 0.0500 nats), of which 3 standard errors are allowed."
@@ -305,7 +305,7 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
         pixels = core_camera(camera).project(np.vstack([ahead, moved]))
         within = np.linalg.norm(pixels[1:] - pixels[0], axis=1) <= radius_px
         assert 0.94 < within.mean() < 0.995
-    assert weak == "Weak in roll: +- 0.30 degrees; add frames."
+    assert weak == "Least certain: in roll: +- 0.30 degrees; add frames."
     (nothing,) = uncertainty_sentences(record.model_copy(update={"uncertainty": None}), camera)
     assert nothing.startswith("Its error is unknown")
 

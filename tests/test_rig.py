@@ -261,7 +261,7 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
     ):
         result = run(rig, *(["-o", tmp_path] if options else []), *options)
         assert result.exit_code == 2
-        message = f"error: {options[0]} is for one camera, but {rig} is a rig." if options else "error: -o: "
+        message = f"Error: {options[0]} is for one camera, but {rig} is a rig." if options else "Error: -o: "
         assert message in result.output
     assert "expected a folder" in str(run(rig, "-o", tmp_path / "out.yaml").exception)
     # Results would replace a drive of the rig.

@@ -259,9 +259,7 @@ def test_sweeps_of_one_kind_of_segments_are_named(bare: Path) -> None:
         points[:, 2] = -1.7
         points.tofile(sweep)
     shown = invoke("inspect", bare)
-    assert ": its points show only ground: --cue segments needs ground and objects" in unwrapped(
-        shown.output, 12
-    )
+    assert ": no objects found in this sweep, which --cue segments needs" in unwrapped(shown.output, 12)
     answer = invoke("initialize", bare, "--cue", "segments", "-q")
     assert isinstance(answer.exception, CalibrationError)
     expected = (

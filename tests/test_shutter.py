@@ -218,7 +218,10 @@ def without_direction(data: LoadedDrive, motion: Motion | None) -> LoadedDrive:
 
 
 NOT_COMPENSATED = "the rolling shutter is not compensated, because the drive gives no direction of motion"
-ADVICE = "give motion.poses or motion.twist in the drive, or record at lower speed"
+ADVICE = (
+    "run `semcal odometry DRIVE`, give motion.poses or motion.twist, or write `motion: {speed_m_s: 0"
+    "}` if the rig stood still"
+)
 
 
 def test_a_shutter_that_is_not_compensated_is_told(rolling: LoadedDrive) -> None:
@@ -232,7 +235,8 @@ def test_a_shutter_that_is_not_compensated_is_told(rolling: LoadedDrive) -> None
     slow = found(without_direction(rolling, Motion(speed_m_s=1.0)))
     (note,) = slow.notes_on_data
     assert re.fullmatch(
-        rf"{NOT_COMPENSATED}, so half of the points are off by \d\.\d pixels or more: {ADVICE}", note
+        rf"{NOT_COMPENSATED}, so half of the points are off by \d\.\d pixels or more: {re.escape(ADVICE)}",
+        note,
     )
     (fast,) = check_shutter(*fields_of(without_direction(rolling, Motion(speed_m_s=60.0))))[0]
     assert fast.topic == "shutter"

@@ -8,11 +8,11 @@ import pytest
 from test_calibration import POSE, make_calibration
 
 from semcal_cli.cli.tables import COLUMNS, hypothesis_lines, summary_lines, verdict_lines, wrapped
-from semcal_cli.errors import contrast, for_people
+from semcal_cli.errors import mismatch
 from semcal_cli.estimation.search.mounting import Mounting
+from semcal_cli.readable import for_people, lengths
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.refined_camera import CheckedIntrinsics, Intrinsic
-from semcal_cli.result.uncertainty import lengths
 
 LONG = (
     "a mounting 30 degrees away explains the labels almost as well: only 1.82 standard errors worse, needed at "
@@ -147,7 +147,7 @@ def test_a_terminal_without_plus_minus_signs_gets_plain_ones(
     ],
 )
 def test_only_what_a_person_compares_is_needed(expected: str, sentence: str) -> None:
-    assert contrast(3, expected) == sentence
+    assert str(mismatch(3, expected)) == sentence
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ from semcal_cli.estimation.uncertainty.sensitivity import MIN_CLASSES, Sensitivi
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.result.uncertainty import Uncertainty, figure
+from semcal_cli.readable import figure
+from semcal_cli.result.uncertainty import Uncertainty
 
 CONFIG = PolishConfig()
 

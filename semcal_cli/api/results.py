@@ -12,12 +12,13 @@ import numpy.typing as npt
 from pydantic import PrivateAttr
 
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.errors import SemcalError, signed
+from semcal_cli.errors import SemcalError
 from semcal_cli.files.array_forms import COLORS, POINTS, Form, check_array, image_of
 from semcal_cli.formats import write_transform
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.observations.reading import read_clouds, read_frame_image
+from semcal_cli.readable import signed
 from semcal_cli.result.calibration_document import (
     CalibrationDocument,
     read_calibration as read_document,

@@ -36,7 +36,7 @@ from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Points
 from semcal_cli.observations.cues.segments import kinds_of_segments
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
-from semcal_cli.observations.motion import have_times, motion_error_px
+from semcal_cli.observations.motion import motion_error_px
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.point_times import checked_times
 from semcal_cli.observations.reading import count_labels, load_observations, read_clouds, read_label_images
@@ -159,7 +159,14 @@ def inspect(drive: Drive) -> DriveReport:
         networks=() if drive.networks is None else tuple(drive.networks.describe()),
         advice=(
             *_sentences(check_frame_count(len(readable), num_scenes, field_of_view[0])),
-            *_sentences(check_unstated(drive, num_scenes, len(readable), have_times=have_times(clouds))),
+            *_sentences(
+                check_unstated(
+                    drive,
+                    num_scenes,
+                    len(readable),
+                    have_times=any(cloud.time is not None and np.ptp(cloud.time) > 0.0 for cloud in clouds),
+                )
+            ),
             *motion.advice,
             *_sentences(check_seam(drive, clouds)),
         ),

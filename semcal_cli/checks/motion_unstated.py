@@ -10,7 +10,10 @@ from semcal_cli.findings.finding import Finding
 from semcal_cli.observations.motion import can_be_unrolled, shutter_error_px
 from semcal_cli.observations.observations import Observations
 
-GIVE_MOTION = "give motion.poses or motion.twist in the drive, or record at lower speed"
+GIVE_MOTION = (
+    "run `semcal odometry DRIVE`, give motion.poses or motion.twist, or write `motion: {speed_m_s: 0}` if the rig "
+    "stood still"
+)
 MOTION = Check(
     topic="motion",
     advice=GIVE_MOTION,
@@ -19,14 +22,12 @@ MOTION = Check(
         section=PageSection.CAMERA,
         quotes=(
             (
-                "the LiDAR's motion is not compensated, so half of the points are off by 5.2 pixels "
-                "or more (limit 3): give motion.poses or motion.twist in the drive, or record "
-                "at lower speed"
+                "the LiDAR's motion is not compensated, so half of the points are off by 5.2 pixels or more "
+                f"(limit 3): {GIVE_MOTION}"
             ),
             (
                 "the sweeps have point times, but the drive has no `motion:`, so skew cannot be corrected: "
-                "run `semcal odometry DRIVE`, or write `motion: {speed_m_s: 0}` in the drive if the rig "
-                "stood still"
+                f"{GIVE_MOTION}"
             ),
         ),
         meaning=(
@@ -56,13 +57,12 @@ SHUTTER = Check(
         section=PageSection.CAMERA,
         quotes=(
             (
-                "the rolling shutter is not compensated, because the drive gives no direction of "
-                "motion, so half of the points are off by 3.8 pixels or more (limit 3): give "
-                "motion.poses or motion.twist in the drive, or record at lower speed"
+                "the rolling shutter is not compensated, because the drive gives no direction of motion, so half of "
+                f"the points are off by 3.8 pixels or more (limit 3): {GIVE_MOTION}"
             ),
             (
-                "the shutter rolls, but the drive has no `motion:`, so skew cannot be corrected: run "
-                "`semcal odometry DRIVE`, or write `motion: {speed_m_s: 0}` in the drive if the rig stood still"
+                "the shutter rolls, but the drive has no `motion:`, so skew cannot be corrected: "
+                f"{GIVE_MOTION}"
             ),
         ),
         meaning=(
@@ -85,9 +85,6 @@ SHUTTER = Check(
     ),
 )
 UNSTATED = "but the drive has no `motion:`, so skew cannot be corrected"
-STATE_MOTION = (
-    "run `semcal odometry DRIVE`, or write `motion: {speed_m_s: 0}` in the drive if the rig stood still"
-)
 
 
 def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
@@ -117,7 +114,7 @@ def check_unstated(
     """
     if not have_times or not _is_unknown(drive, num_scenes, num_frames):
         return ()
-    return (MOTION.finding(f"the sweeps have point times, {UNSTATED}")._replace(advice=STATE_MOTION),)
+    return (MOTION.finding(f"the sweeps have point times, {UNSTATED}"),)
 
 
 def _is_unknown(drive: Drive, num_scenes: int, num_frames: int) -> bool:
@@ -145,7 +142,7 @@ def check_shutter(
         note = "this method does not compensate for the rolling shutter: all rows count as the middle one"
         return (), () if is_compensated else (note,)
     if _is_unknown(drive, len(set(observations.scenes)), observations.num_frames):
-        return (SHUTTER.finding(f"the shutter rolls, {UNSTATED}")._replace(advice=STATE_MOTION),), ()
+        return (SHUTTER.finding(f"the shutter rolls, {UNSTATED}"),), ()
     open_shutter = "the rolling shutter is not compensated, because the drive gives no direction of motion"
     error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
     if error_px is None:

@@ -14,8 +14,9 @@ from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.phrases import OR_ESTIMATE_K
 from semcal_cli.findings.symptoms import OF_A_WRONG_K
 from semcal_cli.geometry.arrays import Numbers
+from semcal_cli.readable import figure
 from semcal_cli.result.refined_camera import CheckedIntrinsics, Intrinsic
-from semcal_cli.result.uncertainty import NORMAL_95, figure
+from semcal_cli.result.uncertainty import NORMAL_95
 
 WRONG_INTRINSICS = Check(
     topic="intrinsics",

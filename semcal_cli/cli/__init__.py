@@ -20,8 +20,9 @@ import click
 from semcal_cli.cli.ci import annotate
 from semcal_cli.cli.removed import explained
 from semcal_cli.config import MAX_PIXELS
-from semcal_cli.errors import InputError, SemcalError, for_people, printable
+from semcal_cli.errors import InputError, SemcalError, printable
 from semcal_cli.plugins import PluginWarning
+from semcal_cli.readable import for_people
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
 GARBAGE_AFTER = 50_000

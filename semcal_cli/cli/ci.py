@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import click
 
 from semcal_cli.documentation import entry_address
-from semcal_cli.errors import InputError, SemcalError, first_of, for_people, os_reason, signed
+from semcal_cli.errors import InputError, SemcalError, first_of, os_reason
+from semcal_cli.readable import for_people, signed
 
 if TYPE_CHECKING:
     from semcal_cli.pipeline.verdict import AxisVerdict, Verdict

@@ -17,7 +17,6 @@ from semcal_cli.config import Limits
 
 if TYPE_CHECKING:
     from semcal_cli.pipeline.comparison import Axis
-    from semcal_cli.pipeline.verdict import Unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,15 +47,15 @@ def compare(settings: CompareSettings) -> None:
     a, b = read_extrinsic(settings.a), read_extrinsic(settings.b)
     comparison = difference(a, b)
     error = comparison.error
-    limits: tuple[tuple[str, Unit, float, float], ...] = (
-        ("rotation", "deg", error.rotation_deg, settings.max_rotation_deg),
-        ("camera centre", "cm", error.camera_center_cm, 100.0 * settings.max_translation_m),
+    angle, most_deg = error.rotation_deg, settings.max_rotation_deg
+    distance, most_cm = error.camera_center_cm, 100.0 * settings.max_translation_m
+    of_rotation, of_center = (
+        comparison.verdict(angle, most_deg, "deg"),
+        comparison.verdict(distance, most_cm, "cm"),
     )
     checks = [
-        AxisVerdict(
-            name, unit, off, comparison.half_width(unit), allowed, comparison.verdict(off, allowed, unit)
-        )
-        for name, unit, off, allowed in limits
+        AxisVerdict("rotation", "deg", angle, comparison.half_width("deg"), most_deg, of_rotation),
+        AxisVerdict("camera centre", "cm", distance, comparison.half_width("cm"), most_cm, of_center),
     ]
     verdict = combined(check.verdict for check in checks)
     if (cameras := describe_cameras(a, b)) is not None:
@@ -80,8 +79,7 @@ def compare(settings: CompareSettings) -> None:
 
 def _line(axis: Axis) -> str:
     """Describe the difference along an axis with the digits of the intervals, next to these."""
-    from semcal_cli.errors import for_people
-    from semcal_cli.result.uncertainty import figure
+    from semcal_cli.readable import figure, for_people
 
     halves = [None if half is None else figure(half) for half in (axis.half_width_a, axis.half_width_b)]
     digits = max((len(half.partition(".")[2]) for half in halves if half), default=3)

@@ -164,8 +164,9 @@ def _cases(combined: Fleet) -> list[Case]:
 def _print(combined: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     """Print the summary of a fleet: what is wrong, what holds now, the files, and the verdict last."""
     from semcal_cli.cli.tables import group_rows, matrix_lines, verdict_line, wrapped
-    from semcal_cli.errors import first_of, for_people
+    from semcal_cli.errors import first_of
     from semcal_cli.fleet.fleet_verdict import title
+    from semcal_cli.readable import for_people
     from semcal_cli.result.uncertainty import intervals
 
     def show(label: str, lines: Iterable[str]) -> None:

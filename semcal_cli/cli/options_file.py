@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from semcal_cli.errors import InputError, contrast
+from semcal_cli.errors import InputError, mismatch
 
 VERSION_KEY = "semcal_options"
 NEWEST_VERSION = 1
@@ -35,7 +35,7 @@ def read_options(path: Path, command: click.Command, known: list[str]) -> dict[s
         raise InputError(f"{path}: `semcal --help` lists no command {unknown!r}")
     of_command = document.get(str(command.name)) or {}
     if not isinstance(of_command, dict):
-        raise InputError(f"{path}: {command.name}: {contrast(repr(of_command), 'a mapping of options')}")
+        raise InputError(f"{path}: {command.name}: {mismatch(repr(of_command), 'a mapping of options')}")
     options = {name: option for option in command.params for name in option.opts}
     values = {}
     for key, value in of_command.items():
@@ -50,10 +50,10 @@ def _value(option: click.Parameter, value: Any, folder: Path, where: str) -> Any
     """Make the value that click parses, as if it was typed."""
     takes_list = option.multiple or option.nargs != 1
     if isinstance(value, list) != takes_list:
-        raise InputError(f"{where}: {contrast(repr(value), 'a list' if takes_list else 'one value')}")
+        raise InputError(f"{where}: {mismatch(repr(value), 'a list' if takes_list else 'one value')}")
     if isinstance(option, click.Option) and option.is_flag:
         if not isinstance(value, bool):
-            raise InputError(f"{where}: {contrast(repr(value), 'true or false')}")
+            raise InputError(f"{where}: {mismatch(repr(value), 'true or false')}")
         return value
     items = [_word(option, item, folder, where) for item in (value if takes_list else [value])]
     return items if takes_list else items[0]
@@ -61,6 +61,6 @@ def _value(option: click.Parameter, value: Any, folder: Path, where: str) -> Any
 
 def _word(option: click.Parameter, value: Any, folder: Path, where: str) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise InputError(f"{where}: {contrast(repr(value), 'a number or a text')}")
+        raise InputError(f"{where}: {mismatch(repr(value), 'a number or a text')}")
     is_path = isinstance(option.type, click.Path) and value != "-"
     return str(folder / str(value)) if is_path else str(value)

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from semcal_cli.checks import precedence
-from semcal_cli.errors import counted, for_people, listed
+from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
+from semcal_cli.readable import figure, for_people, lengths
 from semcal_cli.result.refined_camera import clock_sentence, intrinsic_texts, kept_sentence
-from semcal_cli.result.uncertainty import figure, lengths, stated_error
+from semcal_cli.result.uncertainty import stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.estimation.search.mounting import Mounting
@@ -71,7 +72,7 @@ def pose_rows(T: Pose) -> Rows:
 
 
 def group_rows(groups: Sequence[Sequence[FleetDrive]]) -> Rows:
-    """Say that drives do not agree, and which do, as labels and texts; no pose belongs to all of them."""
+    """Describe which drives agree, where no pose belongs to all of them."""
     num_drives = sum(map(len, groups))
     rows: Rows = [
         ("agreed pose", f"none: {num_drives:,} trusted drives fall into {len(groups):,} groups that differ")

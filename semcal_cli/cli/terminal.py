@@ -13,9 +13,10 @@ from rich.progress import Progress as ProgressBar, SpinnerColumn, TextColumn, Ti
 from rich.text import Text
 
 from semcal_cli.cli.tables import labelled, wrapped
-from semcal_cli.errors import first_of, for_people, printable
+from semcal_cli.errors import first_of, printable
 from semcal_cli.events import Event, Progress, StageDone, movement
 from semcal_cli.many.batch.pace import Pace
+from semcal_cli.readable import for_people
 
 STAGE_WIDTH = 20
 """Columns for the name and the time of a stage."""

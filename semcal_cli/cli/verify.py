@@ -192,7 +192,7 @@ def _print(verification: Verification, *, verbose: bool) -> None:
 
 
 def _check_line(check: AxisVerdict, word: str) -> str:
-    from semcal_cli.errors import for_people
+    from semcal_cli.readable import for_people
 
     text, allowed = check.text, f"{check.allowed:g} {check.unit}"
     if text.offset:

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from semcal_cli.errors import InputError, contrast, describe, mismatch, nearest
+from semcal_cli.errors import InputError, describe, mismatch, nearest
 from semcal_cli.geometry.poses import check_rigid, orthonormal
 
 MAX_TRANSLATION_M = 1e6
@@ -176,7 +176,7 @@ def _complaint(error: ErrorDetails) -> str:
         description = f"a mapping of {len(error['input'])}"
     if error["loc"] and str(error["loc"][-1]).startswith("semcal_"):
         return f"found {description}, needed {NEWEST_VERSION}"
-    return contrast(description, _NEEDED.get(error["type"], error["msg"]).format(**context))
+    return str(mismatch(description, _NEEDED.get(error["type"], error["msg"]).format(**context)))
 
 
 def _key(error: ErrorDetails) -> str:

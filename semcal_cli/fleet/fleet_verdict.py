@@ -13,7 +13,8 @@ import numpy as np
 from semcal_cli.config import Limits
 from semcal_cli.errors import listed
 from semcal_cli.pipeline.verdict import OVERALL, UNITS, AxisVerdict, Verdict, together
-from semcal_cli.result.uncertainty import CHECK_NAMES, figure, lengths, widest
+from semcal_cli.readable import figure, lengths
+from semcal_cli.result.uncertainty import CHECK_NAMES, widest
 
 if TYPE_CHECKING:
     from semcal_cli.fleet.fleet_drives import FleetDrive

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS
-from semcal_cli.errors import InputError, contrast, counted, describe
+from semcal_cli.errors import InputError, counted, describe, mismatch
 from semcal_cli.files.input_files import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
 from semcal_cli.formats.format import CameraBlock, Source
@@ -91,5 +91,5 @@ def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]
         is_list = isinstance(distortion, list)
         description = counted(len(distortion), "coefficient") if is_list else describe(distortion)
         needed = " or ".join(map(str, counts))
-        raise InputError(f"{path}: {contrast(description, needed)} for --model {model}")
+        raise InputError(f"{path}: {mismatch(description, needed)} for --model {model}")
     return block | {"model": model}

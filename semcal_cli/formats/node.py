@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import ChoiceError, InputError, contrast, counted, describe, listed, one_of
+from semcal_cli.errors import ChoiceError, InputError, counted, describe, listed, mismatch, one_of
 from semcal_cli.files.validation import key_part, validate
 from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 from semcal_cli.geometry.poses import check_rigid, nearest_rigid
@@ -57,7 +57,7 @@ class Node:
 
     def mismatch(self, needed: str) -> InputError:
         """Make the error of a wrong value."""
-        return InputError(f"{self.where}: {contrast(describe(self.value), needed)}")
+        return InputError(f"{self.where}: {mismatch(describe(self.value), needed)}")
 
     def child(self, key: Any, value: Any) -> Node:
         """Make the node of a value under this one."""
@@ -216,9 +216,9 @@ def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
     needed = "a finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} numbers, all finite"
     for word in words:
         if _finite(word) is None:
-            raise InputError(f"{path}: {key}: {contrast(repr(word[:40]), needed)}")
+            raise InputError(f"{path}: {key}: {mismatch(repr(word[:40]), needed)}")
     if len(words) not in counts:
-        raise InputError(f"{path}: {key}: {contrast(counted(len(words), 'number'), needed)}")
+        raise InputError(f"{path}: {key}: {mismatch(counted(len(words), 'number'), needed)}")
     return np.array([float(word) for word in words])
 
 

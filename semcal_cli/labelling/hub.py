@@ -15,7 +15,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from semcal_cli.config.file_limits import MAX_NETWORK_FILES
-from semcal_cli.errors import InputError, check_installed, contrast, listed, reason
+from semcal_cli.errors import InputError, check_installed, listed, mismatch, reason
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.input_files import FILE, kind_of
 from semcal_cli.files.output_files import make_folder, write_parts, write_text
@@ -91,7 +91,7 @@ class HubName:
 
     def error(self, found: str, needed: str) -> InputError:
         """Make the error about this network."""
-        return InputError(f"{self.text}: {contrast(without_passwords(found), without_passwords(needed))}")
+        return InputError(f"{self.text}: {mismatch(without_passwords(found), without_passwords(needed))}")
 
 
 def is_hub_name(name: str) -> bool:
@@ -148,7 +148,7 @@ def copy_network(model: Path, folder: Path) -> Path:
     path = model.absolute()
     parts = SNAPSHOT.search(path.as_posix())
     if parts is None:
-        raise InputError(f"{model}: {contrast('a file of your own', f'a network on the hub: {SYNTAX}')}")
+        raise InputError(f"{model}: {mismatch('a file of your own', f'a network on the hub: {SYNTAX}')}")
     name = parts[3]
     snapshot = path.parents[name.count("/")]
     repository = snapshot.parents[1]

@@ -11,7 +11,7 @@ import numpy as np
 from semcal_cli.config import Limits
 from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.uncertainty.quantiles import overall_width
-from semcal_cli.result.uncertainty import figure
+from semcal_cli.readable import figure
 
 Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
 Unit: TypeAlias = Literal["cm", "deg", "ms"]

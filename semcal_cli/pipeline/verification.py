@@ -41,9 +41,10 @@ from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.pipeline.verdict import CLOCK, AxisVerdict, Verdict, judge, judge_clock, together
+from semcal_cli.readable import figure
 from semcal_cli.result.applied import apply_result, cues_applied
 from semcal_cli.result.refined_camera import camera_differences
-from semcal_cli.result.uncertainty import PoseChange, Uncertainty, figure
+from semcal_cli.result.uncertainty import PoseChange, Uncertainty
 
 CHANCE = 0.05
 """Probability of offsets as large by chance, below which the camera has moved."""

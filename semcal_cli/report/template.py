@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from semcal_cli.documentation import entry_address
-from semcal_cli.errors import signed
+from semcal_cli.readable import signed
 from semcal_cli.report.notations import T_notation, pair_notation
 from semcal_cli.result.provenance import versions
 

@@ -12,11 +12,12 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import listed
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
 from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
+from semcal_cli.readable import figure
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.template import PageVerdict, link_reasons
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.refined_camera import clock_sentence, kept_sentence
-from semcal_cli.result.uncertainty import Uncertainty, figure, image_radius_px, stated_error
+from semcal_cli.result.uncertainty import Uncertainty, image_radius_px, stated_error
 
 DEPTHS_M = 10.0, 50.0
 """Depths at which the error of a point in the image is stated."""

@@ -10,7 +10,8 @@ from pydantic import AfterValidator, Field, model_validator
 from semcal_cli.drive.camera import K_ENTRIES, Camera, intrinsic_names, intrinsic_value, without_last_zeros
 from semcal_cli.errors import describe, listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
-from semcal_cli.result.uncertainty import Variance, check_covariance, figure
+from semcal_cli.readable import figure
+from semcal_cli.result.uncertainty import Variance, check_covariance
 
 OF_DRIVE = "the transform belongs to the camera of the drive"
 

@@ -14,6 +14,7 @@ from semcal_cli.errors import mismatch
 from semcal_cli.files.validation import StrictModel, Width, Widths, length
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import cross_matrix
+from semcal_cli.readable import figure, lengths
 
 WEAK_M = 0.03
 """Half width of a 95 % interval of the camera's position, in metres, beyond which a direction is weak."""
@@ -45,8 +46,6 @@ CHECK_NAMES = dict(
 ) | {"clock": "images later (clock)"}
 """The same by the names of checks."""
 
-MIN_CM_M = 0.01
-"""Length from which on people read centimetres, in metres: below it, millimetres."""
 AHEAD_M = 10.0
 """Depth at which the error is stated in pixels."""
 STEP = 1e-4
@@ -309,18 +308,3 @@ def _motions(camera: Camera, depth_m: float) -> NDArray[np.float64]:
     # p moves by rho + phi x p.
     cross = np.array([[0.0, -depth_m, 0.0], [depth_m, 0.0, 0.0], [0.0, 0.0, 0.0]])
     return np.asarray(np.hstack([jacobian, -jacobian @ cross]))
-
-
-def lengths(values_m: Sequence[float]) -> str:
-    """Format the lengths of one line, in metres, to two significant digits: in cm, or in mm if all are below 1 cm."""
-    scale, unit = (100.0, "cm") if max(map(abs, values_m)) >= MIN_CM_M else (1000.0, "mm")
-    return f"{' '.join(figure(scale * value) for value in values_m)} {unit}"
-
-
-def figure(value: float) -> str:
-    """Format a figure with two significant digits and without an exponent."""
-    if value == 0.0:
-        return "0"
-    # The power of ten is that of the rounded figure: 0.0998 is 0.10.
-    digits = max(0, 1 - math.floor(math.log10(abs(float(f"{value:.1e}")))))
-    return f"{value:.{min(digits, 6)}f}"

@@ -26,9 +26,10 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import PoseError, compare_poses, inverse, quaternion_xyzw
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_document import Rig
+from semcal_cli.readable import figure, lengths
 from semcal_cli.result.calibration_document import CalibrationDocument, Status
 from semcal_cli.result.provenance import versions
-from semcal_cli.result.uncertainty import Uncertainty, figure, lengths
+from semcal_cli.result.uncertainty import Uncertainty
 
 WORST_FIRST: tuple[Status, ...] = ("not_trusted", "not_assessed", "trusted")
 

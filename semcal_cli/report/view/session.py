@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.errors import InputError, signed
+from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.documents import document_text, output_format
@@ -28,6 +28,7 @@ from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import calibrate
+from semcal_cli.readable import signed
 from semcal_cli.report.colors import coloring_of, page_colors
 from semcal_cli.report.notations import T_notation
 from semcal_cli.report.overlays import edge_image, image_of
