@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.options import json_flag, limit
-from semcal_cli.cli.settings import argument, command
+from semcal_cli.cli.options import json_flag, limit, reference_direction
+from semcal_cli.cli.settings import argument, command, output_file
 from semcal_cli.config import Limits
+from semcal_cli.config.directions import Direction
 from semcal_cli.errors import format_against_limit
 
 if TYPE_CHECKING:
+    from semcal_cli.cli.compare_several import ComparedFile
     from semcal_cli.pipeline.comparison import Axis, Comparison
 
 
@@ -26,6 +28,10 @@ class CompareSettings:
 
     a: Path = argument()
     b: Path = argument()
+    others: tuple[Path, ...] = argument(default=(), metavar="[C]...")
+    csv: Path | None = output_file("Also write the differences from A to a file: .csv.")
+    plot: Path | None = output_file("Also draw the differences from A: .png or .svg.")
+    reference_direction: Direction | None = reference_direction()
     max_translation_m: float = limit("camera", Limits.translation_m, "M", minimum=0.0)
     max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", minimum=0.0)
     as_json: bool = json_flag()
@@ -33,19 +39,45 @@ class CompareSettings:
 
 @command(CompareSettings)
 def compare(settings: CompareSettings) -> None:
-    """Compare two transforms, A and B. Each is {KNOWN_TRANSFORMS}.
+    """Compare two transforms, A and B, or several with A. Each is {KNOWN_TRANSFORMS}.
 
     The difference along each axis of the camera is printed next to the 95 % interval of each transform.
 
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
+    from semcal_cli.cli.compare_several import check_plot, table_lines, write_csv, write_plot
+    from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
-    from semcal_cli.formats import read_extrinsic
+    from semcal_cli.formats import read_reference
     from semcal_cli.pipeline.comparison import compare as difference, describe_cameras
     from semcal_cli.pipeline.verdict import together
 
-    a, b = read_extrinsic(settings.a), read_extrinsic(settings.b)
+    check_plot(settings.plot)
+    check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
+    paths = [settings.b, *settings.others]
+    a, b, *others = (read_reference(path, settings.reference_direction) for path in (settings.a, *paths))
+    if others or settings.csv is not None or settings.plot is not None:
+        files = [
+            _compared(str(path), difference(a, other), settings)
+            for path, other in zip(paths, [b, *others], strict=True)
+        ]
+        if settings.csv is not None:
+            write_csv(files, settings.csv)
+        if settings.plot is not None:
+            write_plot(files, settings.plot)
+    if others:
+        if settings.as_json:
+            documents = [
+                file.error.describe() | {"file": file.name, "verdict": file.verdict} for file in files
+            ]
+            click.echo(json.dumps(documents, allow_nan=False))
+        else:
+            click.echo("\n".join(table_lines(files)))
+        cases = [Case(file.name, file.verdict, file.figures) for file in files]
+        several = CiReport("compare", str(settings.a), together([file.verdict for file in files]), cases)
+        several.tell_github()
+        sys.exit(several.exit_code)
     comparison = difference(a, b)
     error = comparison.error
     differences = (
@@ -80,6 +112,19 @@ def compare(settings: CompareSettings) -> None:
         console.print(line, style=COLORS[verdict])
     report.tell_github()
     sys.exit(report.exit_code)
+
+
+def _compared(name: str, comparison: Comparison, settings: CompareSettings) -> ComparedFile:
+    """Judge the difference between two transforms by the limits of the command."""
+    from semcal_cli.cli.compare_several import ComparedFile
+    from semcal_cli.pipeline.verdict import together
+
+    error = comparison.error
+    verdicts = [
+        comparison.verdict(error.rotation_deg, settings.max_rotation_deg, "deg"),
+        comparison.verdict(error.camera_center_cm, 100.0 * settings.max_translation_m, "cm"),
+    ]
+    return ComparedFile(name, error, together(verdicts))
 
 
 def _figures(comparison: Comparison, off: float, unit: str, allowed: float) -> str:
