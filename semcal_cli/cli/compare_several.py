@@ -85,10 +85,10 @@ def write_csv(files: Sequence[ComparedFile], path: Path) -> None:
 
 def write_plot(files: Sequence[ComparedFile], path: Path) -> None:
     """Draw the differences as bars, a panel for rotation and one for the camera centre."""
-    from semcal_cli.report.drawing import ACCENT, BAD, figure_file
+    from semcal_cli.report import drawing
 
     names = [Path(file.name).stem for file in files]
-    colors = [BAD if file.verdict == "fail" else ACCENT for file in files]
+    colors = [drawing.BAD if file.verdict == "fail" else drawing.ACCENT for file in files]
 
     def draw(figure: Figure) -> None:
         values = {
@@ -101,4 +101,4 @@ def write_plot(files: Sequence[ComparedFile], path: Path) -> None:
             axes.invert_yaxis()
             axes.set_title(title, loc="left")
 
-    write_bytes(figure_file(draw, PLOT_INCHES, FORMATS[path.suffix.lower()]), path)
+    write_bytes(drawing.figure_file(draw, PLOT_INCHES, FORMATS[path.suffix.lower()]), path)
