@@ -1,9 +1,14 @@
 """Numbers beside what is allowed: with digits that tell them apart, and judged by what is known of them."""
 
+import csv
+from pathlib import Path
+
 import numpy as np
 import pytest
+from commands import invoke
 
 from semcal_cli.errors import format_against_limit
+from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import PoseError
 from semcal_cli.pipeline.comparison import Axis, Comparison
 from semcal_cli.pipeline.verdict import Verdict
@@ -48,3 +53,51 @@ def test_a_difference_within_what_is_known_of_its_limit_is_undecided(
     offsets_rad = tuple(np.radians(offsets_deg).tolist())
     comparison = Comparison(PoseError(offsets_rad[0], 0.0, offsets_rad, (0.0, 0.0, 0.0)), axes)
     assert comparison.verdict(off, 0.3, "deg") == verdict
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["compare", "{drive}", "{bare}"],
+        ["overlay", "{drive}", "{bare}", "--max-frames", "1", "-o", "{out}", "--against", "{drive}"],
+        ["report", "{drive}", "{bare}", "-o", "{out}.html"],
+        ["export", "ply", "{drive}", "{bare}", "--max-frames", "1", "-o", "{out}"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_the_direction_of_a_bare_matrix_can_be_stated(
+    command: list[str], street: Path, tmp_path: Path
+) -> None:
+    """Also beside a file that states its own."""
+    T = read_transform(street)
+    np.savetxt(tmp_path / "bare.txt", np.linalg.inv(T))
+    words = [word.format(drive=street, bare=tmp_path / "bare.txt", out=tmp_path / "out") for word in command]
+    refused = invoke(*words)
+    assert "needed --reference-direction lidar-to-camera" in str(refused.exception)
+    done = invoke(*words, "--reference-direction", "camera-to-lidar")
+    assert done.exit_code == 0, done.output
+    if command[0] == "compare":
+        wrong = invoke(*words, "--reference-direction", "lidar-to-camera")
+        assert (wrong.exit_code, "beyond limits" in wrong.output) == (3, True)
+
+
+def test_several_transforms_are_compared_with_the_first(street: Path, tmp_path: Path) -> None:
+    T = read_transform(street)
+    files = []
+    for shift_m in (0.0, 0.01, 0.5):
+        moved = T.copy()
+        moved[0, 3] += shift_m
+        files.append(tmp_path / f"{shift_m}.yaml")
+        write_transform(moved, files[-1], "semcal")
+    table, plot = tmp_path / "t.csv", tmp_path / "t.svg"
+    result = invoke("compare", street, *files, "--csv", table, "--plot", plot)
+    assert result.exit_code == 3, result.output
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["file"] for row in rows] == list(map(str, files))
+    np.testing.assert_allclose([float(row["camera_center_cm"]) for row in rows], [0.0, 1.0, 50.0], atol=1e-4)
+    assert [row["verdict"] for row in rows] == ["pass", "pass", "fail"]
+    assert all(name in result.output for name in ("0.01.yaml", "50.00"))
+    assert plot.read_text().startswith("<?xml")
+    assert invoke("compare", street, files[0], "--csv", files[0]).exit_code == 1
+    assert invoke("compare", street, *files, "--plot", tmp_path / "t.pdf").exit_code == 1

@@ -16,14 +16,18 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
+from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
+from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.cues.cue_table import load_cues
 from semcal_cli.observations.reading import load_observations
 from semcal_cli.report import read_report_input, write_report
 from semcal_cli.report.colors import depth_levels, level_colors
+from semcal_cli.report.figures import frame_pixels, pixels_plot
 from semcal_cli.report.points import points_in_image
 
 pytestmark = pytest.mark.slow
@@ -232,3 +236,38 @@ def test_a_page_without_images_and_before_has_no_complaint(
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
     assert hostile in browser.find_element(By.CLASS_NAME, "files").text
     assert not browser.find_elements(By.CSS_SELECTOR, ".image input")
+
+
+def test_a_page_of_edges_shows_photographs_under_other_colours(
+    browser: webdriver.Chrome, made: Path, street: Path, tmp_path: Path
+) -> None:
+    shown = replace(read_report_input(read_drive(street), made / "c.yaml"))
+    observations = load_cues(shown.drive, ("edges",))
+    write_report(replace(shown, observations=observations), tmp_path / "r.html")
+    browser.get((tmp_path / "r.html").as_uri())
+    image = browser.find_element(By.CSS_SELECTOR, ".image")
+    ground = image.find_element(By.TAG_NAME, "img")
+    edges = ground.get_attribute("src")
+    assert "edges" in (image.get_attribute("class") or "").split()
+    browser.find_element(By.CSS_SELECTOR, "input[value=depth]").click()
+    assert ground.get_attribute("src") == ground.get_attribute("data-photograph") != edges
+    assert "photograph" in (image.get_attribute("class") or "").split()
+    browser.find_element(By.CSS_SELECTOR, "input[value=edge]").click()
+    assert ground.get_attribute("src") == edges
+
+
+def test_frames_are_measured_in_pixels(street: Path, street_truth: Pose) -> None:
+    """A frame whose own pose is turned by 0.1 degrees moves by so many pixels; one without a pose has no bar."""
+    drive = read_drive(street)
+    observations = load_observations(drive)
+    offsets = np.zeros((4, 6))
+    offsets[1, 4], offsets[2] = 0.1, np.nan
+    frames = FrameOffsets(offsets, np.zeros((4, 6)), np.zeros((4, 6)))
+    pixels = frame_pixels(observations, street_truth, frames)
+    expected = np.radians(0.1) * core_camera(drive.camera).pixels_per_radian
+    assert pixels[0] == 0.0
+    assert expected < pixels[1] < 2.5 * expected  # more towards the sides of the image
+    assert np.isnan(pixels[2])
+    plot = pixels_plot(pixels, ["a", "b", "c", "d"])
+    assert "most in b" in plot.note
+    assert "--exclude b" in plot.note

@@ -56,6 +56,7 @@ def test_a_page_of_edges_shows_them_on_those_of_the_image(made: Path, street: Pa
     assert '<input type="radio" name="colors" value="edge" checked>' in page
     assert 'name="colors" value="class"' not in page
     assert page.count('class="image edges"') == 4
+    assert page.count('data-photograph="data:image/webp') == 4
     assert 'id="worst"' not in page
     assert "<dt>edges agree</dt>" not in page
     assert "% agree" not in page

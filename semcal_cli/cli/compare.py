@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.options import json_flag, limit
-from semcal_cli.cli.settings import argument, command
+from semcal_cli.cli.options import json_flag, limit, reference_direction
+from semcal_cli.cli.settings import argument, command, output_file
 from semcal_cli.config import Limits
+from semcal_cli.config.directions import Direction
 
 if TYPE_CHECKING:
-    from semcal_cli.pipeline.comparison import Axis
+    from semcal_cli.pipeline.comparison import Axis, Comparison
+    from semcal_cli.pipeline.verdict import AxisVerdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +27,10 @@ class CompareSettings:
 
     a: Path = argument()
     b: Path = argument()
+    others: tuple[Path, ...] = argument(default=(), metavar="[C]...")
+    csv: Path | None = output_file("Also write the differences from A to a file: .csv.")
+    plot: Path | None = output_file("Also draw the differences from A: .png or .svg.")
+    reference_direction: Direction | None = reference_direction()
     max_translation_m: float = limit("camera", Limits.translation_m, "M", minimum=0.0)
     max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", minimum=0.0)
     as_json: bool = json_flag()
@@ -32,32 +38,46 @@ class CompareSettings:
 
 @command(CompareSettings)
 def compare(settings: CompareSettings) -> None:
-    """Compare two transforms, A and B. Each is {KNOWN_TRANSFORMS}.
+    """Compare two transforms, A and B, or several with A. Each is {KNOWN_TRANSFORMS}.
 
     The difference along each axis of the camera is printed next to the 95 % interval of each transform.
 
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
+    from semcal_cli.cli.compare_several import ComparedFile, check_plot, table_lines, write_csv, write_plot
+    from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.tables import verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
-    from semcal_cli.formats import read_extrinsic
+    from semcal_cli.formats import read_reference
     from semcal_cli.pipeline.comparison import compare as difference, describe_cameras
-    from semcal_cli.pipeline.verdict import AxisVerdict, together as combined
+    from semcal_cli.pipeline.verdict import together
 
-    a, b = read_extrinsic(settings.a), read_extrinsic(settings.b)
-    comparison = difference(a, b)
-    error = comparison.error
-    angle, most_deg = error.rotation_deg, settings.max_rotation_deg
-    distance, most_cm = error.camera_center_cm, 100.0 * settings.max_translation_m
-    of_rotation, of_center = (
-        comparison.verdict(angle, most_deg, "deg"),
-        comparison.verdict(distance, most_cm, "cm"),
-    )
-    checks = [
-        AxisVerdict("rotation", "deg", angle, comparison.half_width("deg"), most_deg, of_rotation),
-        AxisVerdict("camera centre", "cm", distance, comparison.half_width("cm"), most_cm, of_center),
+    check_plot(settings.plot)
+    check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
+    paths = [settings.b, *settings.others]
+    a, b, *others = (read_reference(path, settings.reference_direction) for path in (settings.a, *paths))
+    comparison, *more = (difference(a, other) for other in (b, *others))
+    checks = _checks(comparison, settings)
+    files = [
+        ComparedFile(str(path), each.error, together(check.verdict for check in _checks(each, settings)))
+        for path, each in zip(paths, (comparison, *more), strict=True)
     ]
-    verdict = combined(check.verdict for check in checks)
+    if settings.csv is not None:
+        write_csv(files, settings.csv)
+    if settings.plot is not None:
+        write_plot(files, settings.plot)
+    verdict = together(file.verdict for file in files)
+    if others:
+        cases = [Case(file.name, file.verdict, file.figures) for file in files]
+        several = CiReport("compare", str(settings.a), verdict, cases)
+        if settings.as_json:
+            rows = [file.error.describe() | {"file": file.name, "verdict": file.verdict} for file in files]
+            click.echo(json.dumps(rows, allow_nan=False))
+        else:
+            decisive = "; ".join(f"{file.name} {file.figures}" for file in files if file.verdict == verdict)
+            click.echo("\n".join([*table_lines(files), verdict_line(verdict, decisive)]))
+        several.tell_github()
+        sys.exit(several.exit_code)
     if (cameras := describe_cameras(a, b)) is not None:
         click.echo("\n".join(wrapped("camera", cameras)), err=True)
     cases = list(map(Case.of_check, checks))
@@ -75,6 +95,21 @@ def compare(settings: CompareSettings) -> None:
         console.print(verdict_line(verdict, decisive), style=COLORS[verdict], markup=False)
     report.tell_github()
     sys.exit(report.exit_code)
+
+
+def _checks(comparison: Comparison, settings: CompareSettings) -> list[AxisVerdict]:
+    """Judge the whole difference between two transforms."""
+    from semcal_cli.pipeline.verdict import AxisVerdict
+
+    error = comparison.error
+    angle, most_deg = error.rotation_deg, settings.max_rotation_deg
+    distance, most_cm = error.camera_center_cm, 100.0 * settings.max_translation_m
+    of_rotation = comparison.verdict(angle, most_deg, "deg")
+    of_center = comparison.verdict(distance, most_cm, "cm")
+    return [
+        AxisVerdict("rotation", "deg", angle, comparison.half_width("deg"), most_deg, of_rotation),
+        AxisVerdict("camera centre", "cm", distance, comparison.half_width("cm"), most_cm, of_center),
+    ]
 
 
 def _line(axis: Axis) -> str:

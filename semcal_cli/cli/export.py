@@ -9,8 +9,9 @@ from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import DriveSettings
+from semcal_cli.cli.options import DriveSettings, reference_direction
 from semcal_cli.cli.settings import KNOWN_TRANSFORMS, SettingsCommand, argument, option
+from semcal_cli.config.directions import Direction
 from semcal_cli.errors import check_installed, counted
 
 
@@ -25,6 +26,7 @@ class RerunSettings(DriveSettings):
 
     calibration: Path | None = argument()
     output: Path = option("File to write, .rrd.", "-o", "--output", required=True, metavar="FILE")
+    reference_direction: Direction | None = reference_direction()
     max_frames: int = option("Write at most N evenly spaced frames.", default=20, minimum=1)
     spawn: bool = option("Also open the file in the Rerun viewer.", default=False)
 
@@ -47,7 +49,7 @@ def rerun(settings: RerunSettings) -> None:
     from semcal_cli.observations.frame_selection import with_few_frames
 
     check_installed("semcal export rerun", "rerun", "view")
-    from semcal_cli.formats import read_extrinsic
+    from semcal_cli.formats import read_reference
     from semcal_cli.report.rerun_file import cameras_of, write_rerun
     from semcal_cli.result.applied import apply_result, as_begun
 
@@ -58,7 +60,7 @@ def rerun(settings: RerunSettings) -> None:
         cameras["reference"] = np.array(whole.T_camera_lidar), whole.camera
     terminal = settings.terminal()
     if calibration is not None:
-        extrinsic = read_extrinsic(calibration)
+        extrinsic = read_reference(calibration, settings.reference_direction)
         applied = apply_result(extrinsic.record, whole, str(calibration))
         terminal.print_changes(applied.changes)
         cameras |= cameras_of(extrinsic, as_begun(extrinsic.record, whole).camera, applied.drive.camera)
@@ -84,6 +86,7 @@ class PlySettings(DriveSettings):
     output: Path = option(
         "Folder for the files, each named after its frame.", "-o", "--output", required=True, metavar="DIR"
     )
+    reference_direction: Direction | None = reference_direction()
     max_frames: int = option("Write at most N evenly spaced frames.", default=20, minimum=1)
 
 
@@ -98,7 +101,7 @@ def ply(settings: PlySettings) -> None:
     """Write coloured sweeps."""
     from semcal_cli.cli.outputs import check_image_folder, files_read
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.formats import read_extrinsic
+    from semcal_cli.formats import read_reference
     from semcal_cli.observations.frame_selection import with_few_frames
     from semcal_cli.observations.reading import load_points
     from semcal_cli.report.overlays import Overlays
@@ -106,7 +109,7 @@ def ply(settings: PlySettings) -> None:
 
     whole = read_drive(settings.drive, settings.max_points)
     check_image_folder(settings.output, files_read(whole, settings.calibration), ".ply")
-    extrinsic = read_extrinsic(settings.calibration)
+    extrinsic = read_reference(settings.calibration, settings.reference_direction)
     applied = apply_result(extrinsic.record, whole, str(settings.calibration))
     terminal = settings.terminal()
     terminal.print_changes(applied.changes)

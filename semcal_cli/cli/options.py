@@ -77,6 +77,13 @@ def limit(of: str, default: float, metavar: str, **minimum: float) -> Any:
     )
 
 
+def reference_direction() -> Any:
+    """Make the option for the direction of transforms whose files do not state it."""
+    return option(
+        "Direction of a matrix whose file does not state it: p_camera = T p_lidar, or p_lidar = T p_camera."
+    )
+
+
 def inconclusive_choice() -> Any:
     """Make the option for how CI counts an inconclusive verdict."""
     return option(

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import click
 
-from semcal_cli.cli.options import DriveSettings, cue_list
+from semcal_cli.cli.options import DriveSettings, cue_list, reference_direction
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, given, one_of, refuse
 from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.config import AUTO, LABELS, CueName
+from semcal_cli.config.directions import Direction
 
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
@@ -44,6 +45,7 @@ class OverlaySettings(DriveSettings):
         "Draw the image labels on the images, in the colours of their classes.", default=False
     )
     against: Path | None = option("Second transform, shown next to the first.", metavar="FILE")
+    reference_direction: Direction | None = reference_direction()
     by: Coloring | None = option(
         "What the colours of the points show. class: their class. depth: their distance from the camera. agreement: "
         "whether the classes of point and pixel go together. segment: the part of the sweep, found by shape, that they "
@@ -101,12 +103,13 @@ def overlay(settings: OverlaySettings) -> None:
 def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Overlays:
     """Prepare the images of a drive at one or two transforms, and report where a camera or a clock differs."""
     from semcal_cli.cli.outputs import files_read
-    from semcal_cli.formats import read_extrinsic
+    from semcal_cli.formats import read_reference
     from semcal_cli.report.overlays import Overlays
     from semcal_cli.result.applied import apply_result, cues_applied, seen_as
 
     calibration, against = settings.calibration, settings.against
-    extrinsics = {str(path): read_extrinsic(path) for path in (against, calibration) if path is not None}
+    paths = [path for path in (against, calibration) if path is not None]
+    extrinsics = {str(path): read_reference(path, settings.reference_direction) for path in paths}
     frames = _few(drive, settings, settings.output, files_read(drive, against, calibration)).frames
     applied = {name: apply_result(extrinsic.record, drive, name) for name, extrinsic in extrinsics.items()}
     for result in applied.values():

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import RunSettings
+from semcal_cli.cli.options import RunSettings, reference_direction
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.config.directions import Direction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,7 @@ class ReportSettings(RunSettings):
         "Second transform, shown next to the first; if not given, that of the calibration's first stage.",
         metavar="FILE",
     )
+    reference_direction: Direction | None = reference_direction()
     is_opened: bool = option("Also open the page in the browser.", "--open", default=False)
 
 
@@ -58,7 +60,7 @@ def report(settings: ReportSettings) -> None:
             write_text(rig_page_html(result, drives, (str(rig.path), str(read[-1])), terminal.show), output)
         else:
             terminal.show("reading frames")
-            shown = read_report_input(drive, calibration, against)
+            shown = read_report_input(drive, calibration, against, settings.reference_direction)
             terminal.print_changes(shown.changes)
             write_report(shown, output, terminal.show)
     terminal.print(str(output))

@@ -224,12 +224,12 @@ def _parameters(settings: type) -> list[click.Parameter]:
 def _argument(name: str, hint: Any, declared: Field[Any]) -> click.Argument:
     is_several = get_origin(hint) is tuple
     about: dict[str, Any] = {"type": _type_of(get_args(hint)[0] if is_several else _plain(hint), {})}
+    if is_several:
+        about["nargs"] = -1
     about |= {key: value for key, value in declared.metadata[PARAMETER].items() if key != IS_ARGUMENT}
     if declared.default is not None:
         return click.Argument([name], default=declared.default, **about)
-    return click.Argument(
-        [name], required=NoneType not in get_args(hint), nargs=-1 if is_several else 1, **about
-    )
+    return click.Argument([name], required=NoneType not in get_args(hint), **about)
 
 
 def _option(name: str, hint: Any, declared: Field[Any], section: str) -> SettingOption:

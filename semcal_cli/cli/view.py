@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import EstimateSettings
+from semcal_cli.cli.options import EstimateSettings, reference_direction
 from semcal_cli.cli.rules import none_of
 from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import AUTO, CalibrationConfig
+from semcal_cli.config.directions import Direction
 
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
@@ -30,6 +31,7 @@ class ViewSettings(EstimateSettings):
 
     rules = [none_of("--cue features", because="feature vectors have no classes to show")]
     calibration: Path | None = argument()
+    reference_direction: Direction | None = reference_direction()
     output: Path | None = output_file(
         "File to which the page saves the transform: .yaml, .yml or .json. If not given, the browser saves it.",
         "-o",
@@ -50,12 +52,16 @@ def view(settings: ViewSettings) -> None:
     The page is served only to this machine, at an address with a random word. The command ends with Ctrl-C (exit code
     130) or, with -o, with the button "Save and end" (0).
     """
+    from semcal_cli.formats import REFERENCE_DIRECTION
     from semcal_cli.report.view.server import ViewServer
     from semcal_cli.result.applied import apply_result, cues_applied
     from semcal_cli.threads import set_num_threads
 
     calibration, output = settings.calibration, settings.output
-    start = None if calibration is None else read_initial_pose(calibration)
+    start = None
+    if calibration is not None:
+        direction, name = settings.reference_direction, REFERENCE_DIRECTION
+        start = read_initial_pose(calibration, direction, direction_option=name)
     drive = settings.read_drive()
     applied = apply_result(None if start is None else start.record, drive, str(calibration))
     if output is not None:

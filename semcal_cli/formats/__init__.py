@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from semcal_cli.config.directions import Direction
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS
@@ -26,6 +27,8 @@ from semcal_cli.formats.semcal import Extrinsic as Extrinsic
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import as_transform
 
+REFERENCE_DIRECTION = "--reference-direction"
+"""Option of commands that may read several transforms: it counts for files that do not state their direction."""
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
 
 
@@ -60,6 +63,8 @@ def read_extrinsic(
         format = _recognise(source) if name is None else find_format(name)
         if not format.recognises(source):
             _check_form(source)
+        if direction_option == REFERENCE_DIRECTION and options is not None and "direction" not in format.asks:
+            options = replace(options, direction=None)
         _check_options(format, options or FormatOptions())
         T_camera_lidar = format.read(source, options or FormatOptions())
     except RecursionError:
@@ -77,6 +82,15 @@ def read_extrinsic(
             convert = f"; first: `semcal convert {path} --direction lidar-to-camera --to semcal -o T.yaml`"
         raise type(error)(f"{before}{option and direction_option}{after}{convert}") from None
     return Extrinsic(T_camera_lidar, source)
+
+
+def read_reference(path: Path | str, direction: Direction | None) -> Extrinsic:
+    """Read a transform as `read_extrinsic` does, with a direction that counts only if the file states none.
+
+    Raises:
+        InputError: see `read_extrinsic`.
+    """
+    return read_extrinsic(path, None, FormatOptions(direction), direction_option=REFERENCE_DIRECTION)
 
 
 def read_transform(

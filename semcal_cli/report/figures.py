@@ -14,6 +14,7 @@ from semcal_cli import core
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
 from semcal_cli.estimation.adjust.priors import EXACT
 from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.observations import Observations
 from semcal_cli.report.drawing import (
     ACCENT,
@@ -26,7 +27,7 @@ from semcal_cli.report.drawing import (
     page_svg,
     short_names,
 )
-from semcal_cli.report.points import pmi_ratio
+from semcal_cli.report.points import View, pmi_ratio
 from semcal_cli.result.uncertainty import AXIS_NAMES, Uncertainty
 
 if TYPE_CHECKING:
@@ -187,6 +188,47 @@ def _curve_plot(curve: Curve, low: float, high: float) -> Plot:
     if curve.sigma is not None:
         note += f", two standard errors: {2.0 * curve.sigma:.2g} {curve.unit}"
     return Plot(curve.name, page_svg(curve.name, SIZE, draw), note)
+
+
+def frame_pixels(
+    observations: Observations, T_camera_lidar: Pose, frame_offsets: FrameOffsets
+) -> npt.NDArray[np.float64]:
+    """Measure how far the points of each of F frames move in the image from the pose of all to the frame's own.
+
+    Returns:
+        (F,) medians over the points visible at both poses, pixels; NaN where the frame has no pose of its own.
+    """
+    medians = np.full(len(frame_offsets.offsets), np.nan)
+    before = View(observations, T_camera_lidar)
+    for frame in np.flatnonzero(frame_offsets.is_determined).tolist():
+        shift, turn = np.split(frame_offsets.offsets[frame], 2)
+        shifted = apply_twist(T_camera_lidar, np.concatenate([-shift, np.zeros(3)]))
+        T_own = apply_twist(shifted, np.concatenate([np.zeros(3), np.radians(turn)]))
+        a, b = before.project_frame(frame), View(observations, T_own).project_frame(frame)
+        _, in_a, in_b = np.intersect1d(a.indices, b.indices, return_indices=True)
+        is_visible = ~(a.is_hidden[in_a] | b.is_hidden[in_b])
+        if is_visible.any():
+            moved = (a.positions[in_a] - b.positions[in_b])[is_visible]
+            medians[frame] = np.median(np.linalg.norm(moved, axis=1))
+    return medians
+
+
+def pixels_plot(pixels: npt.NDArray[np.float64], names: Sequence[str]) -> Plot:
+    """Draw a bar for each of F frames: how far its own pose moves its points, pixels. The worst is marked."""
+    frames, worst = np.arange(len(names), dtype=np.float64), int(np.nanargmax(pixels))
+
+    def draw(axes: Axes) -> None:
+        axes.set(xlim=(-0.5, len(names) - 0.5), xlabel="frame")
+        axes.grid(visible=False, axis="x")
+        colors = [BAD if frame == worst else ACCENT for frame in range(len(names))]
+        axes.bar(frames, np.nan_to_num(pixels), color=colors)
+        name_places(axes, frames, short_names(names))
+
+    note = (
+        f"median {np.nanmedian(pixels):.1f} pixels, most in {names[worst]}: {pixels[worst]:.1f}; "
+        f"--exclude {names[worst]} leaves it out of calibrate and verify"
+    )
+    return Plot("points of the frame, pixels", page_svg("pixels, frame by frame", FRAMES_SIZE, draw), note)
 
 
 def frames_plots(offsets: FrameOffsets, names: Sequence[str]) -> list[Plot]:

@@ -53,7 +53,18 @@
     }
   }, { rootMargin: "400px" });
   for (const image of images) watcher.observe(image);
+  // Edges of the sweep are drawn on edges of the image, and other colours on the photograph.
+  const showGround = (image) => {
+    const ground = image.querySelector("img[data-photograph]");
+    if (!ground) return;
+    const byEdge = chosen() === "edge";
+    ground.dataset.edges = ground.dataset.edges || ground.src;
+    ground.src = byEdge ? ground.dataset.edges : ground.dataset.photograph;
+    image.classList.toggle("edges", byEdge);
+    image.classList.toggle("photograph", !byEdge);
+  };
   const choose = () => {
+    images.forEach(showGround);
     for (const legend of document.querySelectorAll("[data-colors]")) legend.hidden = legend.dataset.colors !== chosen();
     for (const image of visible) show(image);
   };

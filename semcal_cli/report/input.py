@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from semcal_cli.config import AUTO, MAX_FRAMES, RefinementConfig
+from semcal_cli.config.directions import Direction
 from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.formats import read_extrinsic
+from semcal_cli.formats import read_reference
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.cue_table import choose_cues, choose_frames, load_cues, policy_of
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
@@ -82,13 +83,16 @@ class ReportInput:
         return seen_as(self.observations, self.drive, other)
 
 
-def read_report_input(drive: Drive, calibration: Path, against: Path | None = None) -> ReportInput:
+def read_report_input(
+    drive: Drive, calibration: Path, against: Path | None = None, direction: Direction | None = None
+) -> ReportInput:
     """Read a transform in any known format, and the frames it was computed from, or else those that differ most.
 
     Args:
         drive: Drive whose frames are shown.
         calibration: A calibration by semcal, or a transform in any known format.
         against: A transform to compare with; None takes the first stage of the calibration, if that is another pose.
+        direction: Direction of a transform whose file does not state it.
 
     Raises:
         InputError: a file is missing, wrong or ambiguous.
@@ -96,10 +100,10 @@ def read_report_input(drive: Drive, calibration: Path, against: Path | None = No
     """
     before = None
     if against is not None:
-        other = read_extrinsic(against)
+        other = read_reference(against, direction)
         applied = apply_result(other.record, drive, str(against))
         before = Before(str(against), other.T_camera_lidar, *applied)
-    extrinsic = read_extrinsic(calibration)
+    extrinsic = read_reference(calibration, direction)
     return make_report_input(drive, str(calibration), extrinsic.T_camera_lidar, extrinsic.record, before)
 
 

@@ -41,6 +41,7 @@ from semcal_cli.report.colors import (
 )
 from semcal_cli.report.dots import PLAIN, DotStyle, draw_dots
 from semcal_cli.report.named_frames import frame_paths
+from semcal_cli.report.overlay_video import check_video, write_video
 from semcal_cli.report.ply import write_ply
 from semcal_cli.report.points import (
     ProjectedPoints,
@@ -50,7 +51,6 @@ from semcal_cli.report.points import (
     frame_points,
     points_in_image,
 )
-from semcal_cli.report.video import check_video, write_video
 
 WIDE = 2.0
 """Ratio of width to height from which images are stacked vertically."""

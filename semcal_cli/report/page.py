@@ -25,7 +25,14 @@ from semcal_cli.pipeline.verdict import overall_offsets
 from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import first_coloring
-from semcal_cli.report.figures import class_agreements, curve_plots, frames_plots, information_curves
+from semcal_cli.report.figures import (
+    class_agreements,
+    curve_plots,
+    frame_pixels,
+    frames_plots,
+    information_curves,
+    pixels_plot,
+)
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import T_notation, files, notations
 from semcal_cli.report.overlays import Overlays
@@ -96,6 +103,7 @@ def write_report(
         classes=class_agreements(observations, agreement, before),
         frame_names=frame_names([frame.points for frame in report.drive.frames]),
         frames_plots=frames_plots,
+        pixels_plot=pixels_plot,
         intrinsics=[]
         if record is None or record.camera is None
         else intrinsic_texts(record.camera, is_trusted=record.is_believed),
@@ -133,11 +141,15 @@ def _draw_content(report: ReportInput, progress: Callable[[str], None]) -> dict[
         offsets: FrameOffsets | None = None
         if observations.num_frames > 1 and not observations.has_vectors:
             offsets = frame_offsets(observations, T, parts)
+    pixels = None
+    if offsets is not None and offsets.is_determined.any():
+        pixels = frame_pixels(observations, T, offsets)
     return {
         "images": images,
         "plots": plots.result(),
         "cloud": asdict(cloud.result()),
         "of_frames": offsets,
+        "pixels_of_frames": None if pixels is None or np.isnan(pixels).all() else pixels,
         "num_parts": len(parts),
     }
 

@@ -68,6 +68,8 @@ class FrameImage:
     """Share of the visible points that agree, by drawn pose."""
     points: dict[str, object]
     """See `FramePoints.encode`."""
+    photograph: str = ""
+    """The photograph behind edges, which other colours of the points are drawn on."""
 
 
 @dataclass(frozen=True)
@@ -162,16 +164,19 @@ def _best_frame(points_of_frames: Sequence[FramePoints]) -> int:
 
 def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) -> FrameImage:
     """Make the image of a frame, given its share of the total bytes."""
-    drive, observations = overlays.drive, overlays.observations
+    drive, observations, point_share = overlays.drive, overlays.observations, share
     ground: Literal["photograph", "labels", "edges"] = "edges"
+    photograph = ""
     if coloring_of(observations) == "edge":
         image = edge_image(drive, drive.frames[frame])
+        share /= 2  # the page is no larger for the second picture
+        photograph = data_uri(image_of(drive, observations, frame)[0], share)
     else:
         image, is_photograph = image_of(drive, observations, frame)
         ground = "photograph" if is_photograph else "labels"
     height, width = image.shape[:2]
     bytes_per_point = 1 + 6 * len(points.poses)
-    max_points = min(MAX_POINTS, int(share * MAX_POINT_BYTES / bytes_per_point))
+    max_points = min(MAX_POINTS, int(point_share * MAX_POINT_BYTES / bytes_per_point))
     return FrameImage(
         name=overlays.frame_names[frame],
         number=frame,
@@ -181,6 +186,7 @@ def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) 
         uri=data_uri(image, share),
         agreements=tuple(None if observations.is_multimodal else pose.agreement for pose in points.poses),
         points=points.thin(max_points).encode(width, height),
+        photograph=photograph,
     )
 
 

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import InputError, counted
@@ -122,6 +120,9 @@ def pose_of_pairs(
     Raises:
         InputError: pixels are beyond the lens, or all pairs lie in one direction.
     """
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
+
     lens = core_camera(camera)
     rays = lens.unproject(pixels)
     if not np.isfinite(rays).all():

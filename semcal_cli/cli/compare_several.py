@@ -1,0 +1,104 @@
+"""Several transforms beside a first one: a table, a CSV file and a plot."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.output_files import write_bytes, write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from semcal_cli.geometry.poses import PoseError
+    from semcal_cli.pipeline.verdict import Verdict
+
+FORMATS: dict[str, Literal["png", "svg"]] = {".png": "png", ".svg": "svg"}
+PLOT_INCHES = 8.0, 4.0
+COLUMNS = (
+    "file",
+    "rotation_deg",
+    "camera_center_cm",
+    *(f"rotation_{axis}_deg" for axis in "xyz"),
+    *(f"camera_center_{axis}_cm" for axis in "xyz"),
+    "verdict",
+)
+
+
+@dataclass(frozen=True)
+class ComparedFile:
+    """A transform beside the first one."""
+
+    name: str
+    error: PoseError
+    verdict: Verdict
+
+    @property
+    def figures(self) -> str:
+        """The whole differences, in degrees and centimetres."""
+        return f"{self.error.rotation_deg:.3f} degrees, {self.error.camera_center_cm:.2f} cm"
+
+    def row(self) -> list[str]:
+        """Write the numbers of the columns, in degrees and centimetres."""
+        turns, shifts = (
+            np.degrees(self.error.rotation_xyz_rad),
+            100.0 * np.array(self.error.camera_center_xyz_m),
+        )
+        numbers = [self.error.rotation_deg, self.error.camera_center_cm, *turns.tolist(), *shifts.tolist()]
+        return [self.name, *(f"{number + 0.0:.6f}" for number in numbers), self.verdict]
+
+
+def check_plot(path: Path | None) -> None:
+    """Check the suffix of a plot.
+
+    Raises:
+        InputError: it is neither .png nor .svg.
+    """
+    if path is not None and path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: found suffix {path.suffix!r}, needed one of: {', '.join(FORMATS)}")
+
+
+def table_lines(files: Sequence[ComparedFile]) -> list[str]:
+    """Write a line for each transform."""
+    width = max(len(file.name) for file in files)
+    lines = [f"{'':<{width}}  {'rotation':>13}  {'camera centre':>13}"]
+    for file in files:
+        turn, shift = f"{file.error.rotation_deg:.3f} deg", f"{file.error.camera_center_cm:.2f} cm"
+        lines.append(f"{file.name:<{width}}  {turn:>13}  {shift:>13}  {file.verdict}")
+    return lines
+
+
+def write_csv(files: Sequence[ComparedFile], path: Path) -> None:
+    """Write the table as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([COLUMNS, *(file.row() for file in files)])
+    write_text(text.getvalue(), path)
+
+
+def write_plot(files: Sequence[ComparedFile], path: Path) -> None:
+    """Draw the differences as bars, a panel for rotation and one for the camera centre."""
+    from semcal_cli.report import drawing
+
+    names = [Path(file.name).stem for file in files]
+    colors = [drawing.BAD if file.verdict == "fail" else drawing.ACCENT for file in files]
+
+    def draw(figure: Figure) -> None:
+        values = {
+            "rotation, degrees": [file.error.rotation_deg for file in files],
+            "camera centre, cm": [file.error.camera_center_cm for file in files],
+        }
+        for axes, (title, numbers) in zip(figure.subplots(1, 2), values.items(), strict=True):
+            axes.barh(range(len(files)), numbers, color=colors)
+            axes.set_yticks(range(len(files)), names, parse_math=False)
+            axes.invert_yaxis()
+            axes.set_title(title, loc="left")
+
+    write_bytes(drawing.figure_file(draw, PLOT_INCHES, FORMATS[path.suffix.lower()]), path)
