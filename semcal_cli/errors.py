@@ -243,7 +243,7 @@ def torch_import() -> Iterator[None]:
     except (ImportError, OSError) as error:
         message = " ".join(str(error).split())
         raise InputError(
-            f"torch: found an installation that cannot be imported ({message}); install {describe_extra('mine')} again"
+            f"torch: found an installation that cannot be imported ({message}); install {describe_extra('mine')}"
         ) from None
     finally:
         if was_enabled:

@@ -146,7 +146,7 @@ def test_what_needs_torch_says_what_to_install_before_it_reads_a_file(tmp_path: 
     (tmp_path / "here").mkdir()
     endings = semcal_without_torch(tmp_path, *WITH_TORCH)
     for ending, asked in zip(endings, WITH_TORCH.values(), strict=True):
-        assert ending == (1, "", f"semcal: error: {asked}: found no torch, {NEEDED}\n")
+        assert ending == (1, "", f"semcal: error: {asked}: found no torch; {NEEDED}\n")
     assert [path.name for path in tmp_path.iterdir()] == ["here"]
 
 
@@ -165,7 +165,7 @@ def test_what_needs_torch_says_what_to_install_before_it_reads_a_file(tmp_path: 
 def test_the_library_says_it_too(tmp_path: Path, code: str, asked: str) -> None:
     done = python_without_torch(tmp_path, f"exec(BARE)\n{code}")
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1] == f"semcal_cli.errors.InputError: {asked}: found no torch, {NEEDED}"
+    assert done.stderr.splitlines()[-1] == f"semcal_cli.errors.InputError: {asked}: found no torch; {NEEDED}"
 
 
 @pytest.mark.parametrize("kind", [ImportError, OSError])
@@ -179,7 +179,7 @@ def test_a_torch_that_is_not_whole_is_told_in_a_line(
     refine = ["refine", str(street), "--init", str(street), "-q", "-o", "c.yaml"]
     done = python_without_torch(tmp_path, code, *refine, "--estimator", "mine")
     found = "torch: found an installation that cannot be imported (libcudart.so.12: no such file)"
-    assert (done.returncode, done.stdout, done.stderr) == (1, "", f"semcal: error: {found}, {NEEDED}\n")
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", f"semcal: error: {found}; {NEEDED}\n")
     assert not (tmp_path / "c.yaml").exists()
 
 

@@ -150,7 +150,7 @@ def test_edges_start_from_nothing_where_the_car_turns(turning: Path, tmp_path: P
     result = invoke("calibrate", turning, "--cue", "edges", "-o", tmp_path / "found.yaml")
     assert result.exit_code in (0, 3), result.output
     words = " ".join(result.stderr.split())
-    assert "the motion of camera and LiDAR gives the rotation to +-" in words
+    assert "the motion of camera and LiDAR gives the rotation to ±" in words
     assert "which agrees with the pose" in words
     error = compare_poses(read_transform(tmp_path / "found.yaml"), read_transform(turning))
     # Small images of few streets: as in tests of edges.

@@ -220,4 +220,4 @@ def test_without_the_extra_one_line_says_what_to_install(
     needed = (
         "install the extra 'odometry': pip install 'semcal[odometry]', in a clone: pip install '.[odometry]'"
     )
-    assert str(result.exception) == f"{asked}: found no kiss_icp, {needed}"
+    assert str(result.exception) == f"{asked}: found no kiss_icp; {needed}"
