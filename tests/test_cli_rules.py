@@ -84,7 +84,7 @@ REFUSED = {
             ("fleet r", "--plot", "/dev/stdout"),
         )
     },
-    "convert a": "Missing option '--to'.",
+    "convert a": "Give --to or --into.",
     # checks
     "verify d c --cue features": "--cue features cannot be used with verify: feature vectors have no histogram.",
     "view d --cue features": "--cue features cannot be used with view: feature vectors have no classes to show.",
