@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import difflib
 import gc
+import json
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -201,8 +203,22 @@ def is_installed(package: str) -> bool:
 
 
 def describe_extra(extra: str) -> str:
-    """Name an extra and the commands that install it."""
-    return f"the extra '{extra}': pip install 'semcal[{extra}]', in a clone: pip install '.[{extra}]'"
+    """Name an extra and the command that installs it from where semcal itself came from."""
+    return f"the extra '{extra}': pip install '{_requirement(extra)}'"
+
+
+def _requirement(extra: str) -> str:
+    """Name semcal with an extra as pip does: an index knows no address, and pip notes any other (PEP 610)."""
+    try:
+        record = distribution("semcal").read_text("direct_url.json")
+    except PackageNotFoundError:  # its sources, which nobody installed
+        return f".[{extra}]"
+    if record is None:
+        return f"semcal[{extra}]"
+    origin = json.loads(record)
+    version_control = origin.get("vcs_info", {}).get("vcs")
+    address = origin["url"] if version_control is None else f"{version_control}+{origin['url']}"
+    return f"semcal[{extra}] @ {address}"
 
 
 def check_installed(requester: str, package: str, extra: str) -> None:

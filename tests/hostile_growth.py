@@ -347,7 +347,7 @@ KINDS: dict[str, Growth] = {
     "a PNG beyond its end": Growth(
         chunk_beyond_the_end,
         OVERLAY,
-        "png: found a damaged image, needed an intact one$",
+        "png: found a damaged image, expected an intact one$",
         4_294_967_295,
         4_294_967_295,
     ),
@@ -381,7 +381,7 @@ KINDS: dict[str, Growth] = {
     "a shared index of ROS 1": Growth(
         shared_index,
         (*IMPORT, "a.bag"),
-        "found an index that is used several times, needed one a chunk$",
+        "found an index that is used several times, expected one a chunk$",
         3,
         10_000,
     ),

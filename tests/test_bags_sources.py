@@ -21,6 +21,7 @@ from mcap.writer import Writer as McapWriter
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.errors import describe_extra
 from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses
@@ -192,8 +193,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     monkeypatch.setattr(
         "semcal_cli.errors.find_spec", lambda name: None if name == missing else find_spec(name)
     )
-    needed = f"found no {missing}; install the extra '{extra}': pip install 'semcal[{extra}]'"
-    assert refused(path, tmp_path / "drive").endswith(f"{needed}, in a clone: pip install '.[{extra}]'")
+    assert refused(path, tmp_path / "drive").endswith(f"found no {missing}; install {describe_extra(extra)}")
 
 
 def in_json(**changes: Any) -> Any:

@@ -73,7 +73,7 @@ def test_the_direction_of_a_bare_matrix_can_be_stated(
     np.savetxt(tmp_path / "bare.txt", np.linalg.inv(T))
     words = [word.format(drive=street, bare=tmp_path / "bare.txt", out=tmp_path / "out") for word in command]
     refused = invoke(*words)
-    assert "needed --reference-direction lidar-to-camera" in str(refused.exception)
+    assert "add --reference-direction lidar-to-camera" in str(refused.exception)
     done = invoke(*words, "--reference-direction", "camera-to-lidar")
     assert done.exit_code == 0, done.output
     if command[0] == "compare":

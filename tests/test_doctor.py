@@ -1,17 +1,21 @@
 """`semcal doctor`: what it says of extras and of the network."""
 
+import json
 import re
 import sys
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from commands import invoke, unwrapped
 from documentation import ROOT
 from huggingface_hub import constants
 
+from semcal_cli import errors
 from semcal_cli.cli import doctor
 from semcal_cli.cli.doctor import EXTRAS
+from semcal_cli.errors import describe_extra
 
 NOWHERE = "http://127.0.0.1:9"
 
@@ -39,7 +43,26 @@ def test_a_missing_extra_says_what_needs_it(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(doctor, "is_installed", lambda module: module not in ("kiss_icp", "huggingface_hub"))
     told = unwrapped(invoke("doctor").stdout, 17)
     assert "extra odometry   missing: kiss-icp. Needed for the motion of the LiDAR" in told
-    assert "pip install 'semcal[odometry]'" in told
+    assert f"Install {describe_extra('odometry')}" in told
+
+
+@pytest.mark.parametrize(
+    ("record", "expected"),
+    [
+        (None, "semcal[bag]"),
+        ({"url": "file:///home/me/semcal", "dir_info": {}}, "semcal[bag] @ file:///home/me/semcal"),
+        (
+            {"url": "https://github.com/o/semcal", "vcs_info": {"vcs": "git", "commit_id": "1"}},
+            "semcal[bag] @ git+https://github.com/o/semcal",
+        ),
+    ],
+)
+def test_an_extra_comes_from_where_semcal_came_from(
+    record: object, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = None if record is None else json.dumps(record)
+    monkeypatch.setattr(errors, "distribution", lambda name: SimpleNamespace(read_text=lambda file: text))
+    assert describe_extra("bag") == f"the extra 'bag': pip install '{expected}'"
     assert "cache            none without huggingface_hub" in told
     assert "extra bag        installed: rosbags " in told
 

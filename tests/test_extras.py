@@ -11,12 +11,12 @@ import pytest
 from commands import invoke
 
 from semcal_cli import cli
-from semcal_cli.errors import InputError, check_installed, is_installed
+from semcal_cli.errors import InputError, check_installed, describe_extra, is_installed
 from semcal_cli.result.calibration_document import read_calibration
 
 pytestmark = pytest.mark.slow
 
-NEEDED = "install the extra 'mine': pip install 'semcal[mine]', in a clone: pip install '.[mine]'"
+NEEDED = f"install {describe_extra('mine')}"
 BARE = '''
 import contextlib, importlib.metadata, io, json, sys
 

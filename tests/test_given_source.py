@@ -177,7 +177,7 @@ def test_an_empty_folder_gets_advice(tmp_path: Path, cli: Cli) -> None:
     code, _, err = cli("calibrate", tmp_path, "-o", tmp_path / "c.yaml")
     assert code == 1
     assert err == (
-        f"semcal: error: {tmp_path}: found a folder without a drive, needed a drive.yaml, a recording or a data set; "
+        f"semcal: error: {tmp_path}: found a folder without a drive, expected a drive.yaml, a recording or a data set; "
         "`semcal import --help` lists what makes a drive\n"
     )
 

@@ -172,13 +172,13 @@ def test_a_pose_on_a_base_follows_from_that_of_the_lidar(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "key", "complaint"),
     [
-        ("a: {T: 1}", "a.b", r"a: found keys .*'?T'?.*, needed the key 'b'"),
+        ("a: {T: 1}", "a.b", r"a: found keys .*'?T'?.*, expected the key 'b'"),
         ("a: {T: [1, 2]}", "a.T", "a.T: found a list of 2, needed 3 x 4 or 4 x 4 numbers"),
-        ("a: {x: 0, y: 0, z: 0, roll: 90, pitch: 0, yaw: 0}", "a", "roll: found 90, needed radians"),
-        ("a: {x: 0, y: 0, z: 0, yaw: 0}", "a", "found x, y, z, yaw, needed roll pitch yaw, or qx"),
-        ("a: {t: [0, 0, 0], q: [0, 0, 0, 1], rotation: [0, 0, 0, 1]}", "a", "needed nine numbers, or roll"),
+        ("a: {x: 0, y: 0, z: 0, roll: 90, pitch: 0, yaw: 0}", "a", "roll: found 90, expected radians"),
+        ("a: {x: 0, y: 0, z: 0, yaw: 0}", "a", "found x, y, z, yaw, expected roll pitch yaw, or qx"),
+        ("a: {t: [0, 0, 0], q: [0, 0, 0, 1], rotation: [0, 0, 0, 1]}", "a", "expected nine numbers, or roll"),
         ("a: &n [1, 0]\nT: *n", "T", "anchor"),
-        ("a: {T: 1}", None, "found no --key, needed the keys of the transform"),
+        ("a: {T: 1}", None, "found no --key, expected the keys of the transform"),
     ],
 )
 def test_a_place_without_a_transform_is_refused(
@@ -195,17 +195,17 @@ def test_the_command_replaces_a_file_only_by_force(tmp_path: Path) -> None:
     target.write_text(ROBOT)
     arguments = ["convert", T, "--into", target, "-o", target, "--key", "camera_joint"]
     refused = invoke(*arguments)
-    assert str(refused.exception) == f"{target}: found a file, needed another -o, or --force to replace it"
+    assert str(refused.exception) == f"{target}: found a file; choose another -o, or --force to replace it"
     assert target.read_text() == ROBOT
     assert invoke(*arguments, "--force").exit_code == 0
     np.testing.assert_allclose(read_transform(target), T_ANY, atol=1e-7)
     unnamed = invoke("convert", T, "--into", target)
     assert (
-        "found the joints mast, camera_joint, optical between 'velodyne' and 'camera_optical_frame', needed --key"
+        "found the joints mast, camera_joint, optical between 'velodyne' and 'camera_optical_frame'; add --key"
     ) in str(unnamed.exception)
     assert invoke("convert", T, "--into", target, "--to", "urdf").exit_code == 2
     bare = tmp_path / "theirs.yaml"
     bare.write_text(f"T: [{words(np.eye(4)).replace(' ', ', ')}]")
-    assert "needed --to-direction lidar-to-camera" in str(
+    assert "add --to-direction lidar-to-camera" in str(
         invoke("convert", T, "--into", bare, "--key", "T").exception
     )

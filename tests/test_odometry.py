@@ -217,7 +217,4 @@ def test_without_the_extra_one_line_says_what_to_install(
     monkeypatch.setattr(errors, "is_installed", lambda name: name != "kiss_icp" and is_installed(name))
     result = run_cli(*command.split(), code=1)
     asked = "semcal odometry" if command.startswith("odometry") else "--odometry"
-    needed = (
-        "install the extra 'odometry': pip install 'semcal[odometry]', in a clone: pip install '.[odometry]'"
-    )
-    assert str(result.exception) == f"{asked}: found no kiss_icp; {needed}"
+    assert str(result.exception) == f"{asked}: found no kiss_icp; install {errors.describe_extra('odometry')}"

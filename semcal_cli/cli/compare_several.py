@@ -62,7 +62,7 @@ def check_plot(path: Path | None) -> None:
         InputError: it is neither .png nor .svg.
     """
     if path is not None and path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: found suffix {path.suffix!r}, needed one of: {', '.join(FORMATS)}")
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected one of: {', '.join(FORMATS)}")
 
 
 def table_lines(files: Sequence[ComparedFile]) -> list[str]:

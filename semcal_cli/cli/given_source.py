@@ -60,7 +60,7 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
             context, (*OF_RECORDINGS, *OF_DATASETS), f"is for a recording or a data set, but {given} is none"
         )
         if is_folder(given) and not any((given / name).exists() for name in (DRIVE_FILE, RIG_FILE)):
-            needed = f"needed a {DRIVE_FILE}, a recording or a data set"
+            needed = f"expected a {DRIVE_FILE}, a recording or a data set"
             advice = "`semcal import --help` lists what makes a drive"
             raise InputError(f"{given}: found a folder without a drive, {needed}; {advice}")
         return settings

@@ -12,7 +12,7 @@ import numpy as np
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import listed
-from semcal_cli.pipeline.verdict import OVERALL, UNITS, AxisVerdict, Verdict, together
+from semcal_cli.pipeline.verdict import OVERALL, AxisVerdict, Verdict, together
 from semcal_cli.readable import figure, lengths
 from semcal_cli.result.uncertainty import CHECK_NAMES, widest
 
@@ -195,7 +195,7 @@ def check_words(check: AxisVerdict) -> CheckWords:
     """Put a check into words: of the combined pose or, without a subject, of a drive."""
     subject, _, quantity = check.name.rpartition(": ")
     value, half_width = figures(check.offset, check.half_width or 0.0, 2)
-    allowed, unit = f"{check.allowed:g}", UNITS[check.unit]
+    allowed, unit = f"{check.allowed:g}", check.unit_word
     return CheckWords(SUBJECTS.get(subject, subject), QUANTITIES[quantity], value, half_width, allowed, unit)
 
 

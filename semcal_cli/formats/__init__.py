@@ -253,10 +253,10 @@ def set_in_file(
     """
     path = None if output is None else Path(output)
     if path is not None and path.is_file() and not replaces:
-        raise InputError(f"{path}: found a file, needed another -o, or --force to replace it")
+        raise InputError(f"{path}: found a file; choose another -o, or --force to replace it")
     extrinsic = read_extrinsic(source, from_format, read_options)
     if path is not None and is_same_file(path, drive_file(Path(source))):
-        raise InputError(f"{path}: found the input file, needed another name")
+        raise InputError(f"{path}: found the input file; choose another name")
     into = Source.read(Path(target))
     options = write_options or FormatOptions()
     format = insertion.format_of(into, key, FORMATS)

@@ -44,7 +44,7 @@ def read_intrinsics(
     block, keys = _read(source, camera, model)
     if "width" not in block:
         if size is None:
-            raise InputError(f"{path}: found no size of the images, needed images, whose size it is")
+            raise InputError(f"{path}: found no size of the images, and no images")
         block |= dict(zip(("width", "height"), size(), strict=True))
     return camera_block(path, block if model is None else _with_model(path, block, model), keys)
 

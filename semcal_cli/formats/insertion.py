@@ -82,9 +82,7 @@ def set_transform(
         content = _set_in_document(T, source, next(_paths_to(entry, source.document)))
     else:
         if key is None:
-            raise InputError(
-                f"{source.path}: found no --key, needed the keys of the transform, such as a.b.T"
-            )
+            raise InputError(f"{source.path}: add --key with the keys of the transform, such as a.b.T")
         path = _resolve(Node(str(source.path), parse_any(_standard(source), source.path)), key)
         T = T_camera_lidar
         if options.frame is not None:
@@ -92,9 +90,7 @@ def set_transform(
         return _set_in_document(apply_direction(f"{source.path}: {key}", T, options), source, path)
     again = format.read(Source(source.path, content), replace(options, is_written=False))
     if not np.allclose(again, T_camera_lidar, rtol=0.0, atol=TOLERANCE):
-        raise InputError(
-            f"{source.path}: the transform cannot be set, needed --to {format.name} and a new file"
-        )
+        raise InputError(f"{source.path}: the transform cannot be set; add --to {format.name} and a new file")
     return content
 
 
@@ -145,7 +141,7 @@ def _resolve(node: Node, key: str) -> list[Any]:
         matching = [name for name in names if rest == name or rest.startswith((f"{name}.", f"{name}["))]
         if not matching:
             found = f"keys {listed(names)}" if names else describe(node.value)
-            raise InputError(f"{node.where}: found {found}, needed the key {rest!r}")
+            raise InputError(f"{node.where}: found {found}, expected the key {rest!r}")
         name = max(matching, key=len)
         path.append(names[name])
         node = node.child(names[name], choices[names[name]])
@@ -200,7 +196,7 @@ def _translation(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
         return _named(where, {name.value: value for name, value in node.value}, T, XYZ)
     scalars = list(_scalars(node))
     if len(scalars) != 3:
-        raise InputError(f"{where}: found {describe(_value(node))}, needed three numbers")
+        raise InputError(f"{where}: found {describe(_value(node))}, expected three numbers")
     return list(zip(scalars, T[:3, 3].tolist(), strict=True))
 
 
@@ -215,13 +211,13 @@ def _rotation(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
                 return _named(where, entries, T, names)
         if "w" in entries:
             return _named(where, {f"q{name}": value for name, value in entries.items()}, T, XYZW)
-        raise InputError(f"{where}: found {listed(entries)}, needed {' '.join(RPY)}, or {' '.join(XYZW)}")
+        raise InputError(f"{where}: found {listed(entries)}, expected {' '.join(RPY)}, or {' '.join(XYZW)}")
     scalars = list(_scalars(node))
     if len(scalars) == 9:
         return list(zip(scalars, T[:3, :3].ravel().tolist(), strict=True))
     if len(scalars) == 3 and where.endswith("rpy"):
         return _named(where, dict(zip(RPY, scalars, strict=True)), T, RPY)
-    needed = "needed nine numbers, or roll pitch yaw or the parts of a quaternion by their names"
+    needed = "expected nine numbers, or roll pitch yaw or the parts of a quaternion by their names"
     raise InputError(f"{where}: found {describe(_value(node))}, {needed}")
 
 
@@ -230,12 +226,12 @@ def _named(
 ) -> list[tuple[Any, float]]:
     values = numbers_of(T)
     if missing := [name for name in names if name not in entries]:
-        raise InputError(f"{where}: found {listed(entries)}, needed {missing[0]!r}, too")
+        raise InputError(f"{where}: found {listed(entries)}, expected {missing[0]!r}, too")
     for name in names:
         if list(_scalars(entries[name])) != [entries[name]]:
-            raise InputError(f"{where}: {name}: found {describe(_value(entries[name]))}, needed a number")
+            raise InputError(f"{where}: {name}: found {describe(_value(entries[name]))}, expected a number")
         if name in RPY and abs(float(entries[name].value)) > 2.0 * np.pi:
-            raise InputError(f"{where}: {name}: found {entries[name].value}, needed radians")
+            raise InputError(f"{where}: {name}: found {entries[name].value}, expected radians")
     return [(entries[name], values[name]) for name in names]
 
 

@@ -179,7 +179,7 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         if options.camera != CAMERAS[0]:
-            needed = f"needed --to-camera {CAMERAS[0]}, if the transform is that of the rectified camera 0"
+            needed = f"add --to-camera {CAMERAS[0]}, if the transform is that of the rectified camera 0"
             found = "no --to-camera" if options.camera is None else f"--to-camera {options.camera}"
             raise InputError(f"--to {name}: found {found}, {needed}")
         return f"{first_line}{key}: {_row(T_camera_lidar[:3])}\n".encode()

@@ -36,7 +36,7 @@ def _rows(matrix: Node) -> list[float]:
 def _read(source: Source, options: FormatOptions) -> Pose:
     entries = _entries(source.node, EXTRINSIC)
     if len(entries) != 1:
-        raise InputError(f"{source.path}: found {counted(len(entries), EXTRINSIC)}, needed one")
+        raise InputError(f"{source.path}: found {counted(len(entries), EXTRINSIC)}, expected one")
     (entry,) = entries
     names = entry.at("sensor_name").text(), entry.at("target_sensor_name").text()
     camera, _ = camera_and_lidar(str(source.path), "sensors", names, options)
@@ -53,7 +53,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraB
     if not entries:
         return None
     if len(entries) != 1:
-        raise InputError(f"{source.path}: found {counted(len(entries), INTRINSIC)}, needed one")
+        raise InputError(f"{source.path}: found {counted(len(entries), INTRINSIC)}, expected one")
     refuse_camera(source.path, camera)
     parameters = entries[0].at("param")
     K, distortion = _rows(parameters.at("cam_K")), _rows(parameters.at("cam_dist"))

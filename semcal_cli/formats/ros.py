@@ -146,7 +146,7 @@ def _new_words(where: str, words: list[str], T_camera_lidar: Pose, options: Form
     T = between_frames(where, T_camera_lidar, parent, child, options)
     names = XYZ + (RPY if any(name in arguments for name in RPY) else XYZW)
     if missing := [name for name in names if name not in arguments]:
-        raise InputError(f"{where}: found no --{missing[0]}, needed one, so that it can be set")
+        raise InputError(f"{where}: found no --{missing[0]}, expected one, so that it can be set")
     positions = list(arguments) if is_in_order else [word.removeprefix("--") for word in words]
     values = numbers_of(T)
     return {positions.index(name) + (not is_in_order): number_text(values[name]) for name in names}
@@ -199,7 +199,7 @@ def _launch_words(source: Source) -> list[list[Word]]:
     try:
         tree = ast.parse(source.text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise InputError(f"{source.path}: is not well-formed Python, needed a launch file") from None
+        raise InputError(f"{source.path}: is not well-formed Python, expected a launch file") from None
     begins = [0, *itertools.accumulate(len(line.encode()) for line in source.text.splitlines(keepends=True))]
     content = source.text.encode()
     publishers = []
@@ -212,7 +212,7 @@ def _launch_words(source: Source) -> list[list[Word]]:
         words = []
         for item in listed_words.elts if isinstance(listed_words, ast.List) else [None]:
             if not isinstance(item, ast.Constant) or not isinstance(item.value, str):
-                raise InputError(f"{where}: found arguments that are computed, needed a list of texts")
+                raise InputError(f"{where}: found arguments that are computed, expected a list of texts")
             start, end = (
                 len(content[: begins[line - 1] + column].decode())
                 for line, column in (

@@ -37,7 +37,7 @@ def _find_in_anywhere(document: Node, options: FormatOptions) -> SensorPair:
     parents = [sensor.at("parent").text() for sensor in pair]
     if parents[0] != parents[1]:
         raise InputError(
-            f"{document.where}: found parents {parents[0]!r} and {parents[1]!r}, needed one parent"
+            f"{document.where}: found parents {parents[0]!r} and {parents[1]!r}, expected one parent"
         )
     return SensorPair(*pair, optical_axes(document.where, camera, options))
 
@@ -75,7 +75,7 @@ class _RigPose:
         return T
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        raise InputError("found format driveworks, which is only read, needed one that is written")
+        raise InputError("format driveworks is only read; choose another")
 
 
 def _pose(node: Node, translation: list[float], options: FormatOptions) -> Pose:

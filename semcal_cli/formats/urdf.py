@@ -114,7 +114,7 @@ def _edit(source: Source, T_camera_lidar: Pose, name: str | None, options: Forma
     names = [joint.get("name", "") for joint, _ in chain]
     if name not in names and not (name is None and len(names) == 1):
         between = f"found the joints {listed(names)} between {lidar!r} and {camera!r}"
-        raise InputError(f"{source.path}: {between}, needed --key to name the one to set")
+        raise InputError(f"{source.path}: {between}; add --key to name the one to set")
     chosen = 0 if name is None else names.index(name)
     T = inverse(optical_axes(str(source.path), camera, options) @ T_camera_lidar)
     for step in chain[:chosen]:

@@ -39,7 +39,7 @@ def read_vikit_lens(source: Source, camera: str | None, model: str | None) -> Ca
         return None
     refuse_camera(source.path, camera)
     if len(cameras) > 1:
-        raise InputError(f"{source.path}: found {len(cameras)} cameras, needed one")
+        raise InputError(f"{source.path}: found {len(cameras)} cameras, expected one")
     ((node, prefix),) = cameras
 
     def at(name: str) -> Node:

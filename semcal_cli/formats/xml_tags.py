@@ -62,7 +62,7 @@ def start_tags(source: Source) -> list[Tag]:
         match = TAG.match(text, start)
         if match is None:
             raise InputError(
-                f"{source.path}: line {parser.CurrentLineNumber}: found no start tag, needed one"
+                f"{source.path}: line {parser.CurrentLineNumber}: found no start tag, expected one"
             )
         tag = Tag(name, attributes, match[0], start)
         if stack:

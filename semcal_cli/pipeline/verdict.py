@@ -27,7 +27,7 @@ ONE_SIDED = 1.644854 / 1.959964
 """Distance to a limit that leaves a probability of 5 % beyond it, relative to the half width of a 95 % interval, which
 leaves 2.5 % on either side. A displacement is within a limit if both one-sided tests say so (Schuirmann, *A comparison
 of the two one-sided tests procedure*, 1987). With few degrees of freedom the ratio is smaller still."""
-UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
+_UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
 """Units in words."""
 
 
@@ -63,6 +63,11 @@ class AxisVerdict:
     def has_estimate(self) -> bool:
         """Whether the offset is an estimate; an undetermined time offset stays at its given value."""
         return self.name != CLOCK or self.half_width is not None
+
+    @property
+    def unit_word(self) -> str:
+        """The unit as sentences have it."""
+        return _UNITS[self.unit]
 
     @property
     def text(self) -> CheckText:
@@ -125,7 +130,7 @@ def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> 
 
 def figures(check: AxisVerdict) -> str:
     """Put a check's offset, interval and limit into words."""
-    text, unit = check.text, UNITS[check.unit]
+    text, unit = check.text, check.unit_word
     allowed = f"allowed {text.allowed} {unit}"
     if not text.offset:
         return f"not determined, {allowed}"

@@ -25,7 +25,7 @@ def check_video(path: Path) -> None:
         InputError: it is not .mp4.
     """
     if path.suffix.lower() != SUFFIX:
-        raise InputError(f"{path}: found suffix {path.suffix!r}, needed {SUFFIX}")
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected {SUFFIX}")
 
 
 def write_video(images: Sequence[Image], path: Path) -> None:
@@ -45,5 +45,5 @@ def write_video(images: Sequence[Image], path: Path) -> None:
             writer.write(canvas)
         writer.release()
         if not part.is_file() or not part.stat().st_size:
-            raise InputError(f"{path}: OpenCV cannot write videos here, needed its FFmpeg")
+            raise InputError(f"{path}: OpenCV cannot write videos here, since it has no FFmpeg")
         write_bytes(part.read_bytes(), path)

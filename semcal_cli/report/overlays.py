@@ -157,7 +157,7 @@ class Overlays:
         if draws_labels and (
             coloring_of(self.observations) == "edge" or not self.observations.image_class_names
         ):
-            raise InputError(f"{self.drive.path}: found no image labels, needed some for --labels")
+            raise InputError(f"{self.drive.path}: found no image labels, which --labels draws")
         return replace(self, style=DotStyle(radius_px, opacity, has_outline), draws_labels=draws_labels)
 
     def write_points(self, folder: Path) -> Iterator[Path]:

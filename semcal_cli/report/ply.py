@@ -40,7 +40,7 @@ def write_ply(drive: Drive, observations: Observations, T_camera_lidar: Pose, fo
     for index, (frame, path) in enumerate(zip(drive.frames, frame_paths(folder, drive, ".ply"), strict=True)):
         image = read_frame_image(drive, frame)
         if image is None:
-            raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed an image")
+            raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, expected an image")
         projected = view.project_frame(index)
         is_visible = ~projected.is_hidden
         points = np.zeros(int(is_visible.sum()), PLY_POINT)

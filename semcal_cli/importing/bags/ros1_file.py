@@ -162,7 +162,7 @@ class Ros1File:
                     )
                 if num_bytes > self._size:
                     raise InputError(
-                        f"{self._path}: found an index that is used several times, needed one a chunk"
+                        f"{self._path}: found an index that is used several times, expected one a chunk"
                     )
                 entries = np.frombuffer(_exactly(self._file, length), ENTRY)
                 times_ns = entries["seconds"].astype(np.int64) * NS + entries["nanoseconds"]

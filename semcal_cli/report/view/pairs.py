@@ -76,7 +76,7 @@ class Panorama:
         """
         distances = np.hypot(*(self.positions - [column, row]).T)
         if not len(distances) or distances.min() > REACH_PX:
-            raise InputError("view: found no point there, needed a click on one")
+            raise InputError("view: no point is there; click on one")
         index = int(distances.argmin())
         return self.points[index].tolist(), self.positions[index].tolist()
 
@@ -91,12 +91,12 @@ def read_pairs(value: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.floa
         points = np.array([pair["point"] for pair in value], float)
         pixels = np.array([pair["pixel"] for pair in value], float)
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise InputError("view: found no pairs, needed some of a point and a pixel") from None
+        raise InputError("view: found no pairs of a point and a pixel") from None
     count = len(points)
     if not MIN_PAIRS <= count <= MAX_PAIRS or points.shape != (count, 3) or pixels.shape != (count, 2):
         raise InputError(f"view: found {counted(count, 'pair')}, needed {MIN_PAIRS} to {MAX_PAIRS}")
     if not (np.isfinite(points).all() and np.isfinite(pixels).all()):
-        raise InputError("view: found a number that is not finite, needed points and pixels")
+        raise InputError("view: found a number that is not finite, expected points and pixels")
     return points, pixels
 
 
@@ -126,11 +126,11 @@ def pose_of_pairs(
     lens = core_camera(camera)
     rays = lens.unproject(pixels)
     if not np.isfinite(rays).all():
-        raise InputError("view: found a pixel that the lens does not reach, needed others")
+        raise InputError("view: found a pixel that the lens does not reach; choose another")
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     center = np.array(camera_center(T_start))
     if np.linalg.norm(rays - rays.mean(axis=0), axis=1).max() < np.radians(PARALLEL_DEG):
-        raise InputError("view: found pairs in one direction, needed some apart")
+        raise InputError("view: found pairs in one direction; choose some farther apart")
 
     def directions(center: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         offsets = points_lidar - center

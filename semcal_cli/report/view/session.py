@@ -192,7 +192,7 @@ class Session:
             or len(at) != 2
             or not all(isinstance(value, int | float) for value in at)
         ):
-            raise InputError(f"view: at: found {at!r}, needed a column and a row")
+            raise InputError(f"view: at: found {at!r}, expected a column and a row")
         point, position = self._panorama(frame).pick(*map(float, at))
         return {"point": point, "at": position}
 
