@@ -43,7 +43,7 @@ def test_points_are_projected_as_the_core_does(
     assert found.is_in_image.tolist() == np.isfinite(seen.ranges).tolist()
     np.testing.assert_allclose(found.pixels[found.is_in_image], seen.pixels[found.is_in_image], atol=1e-9)
     assert np.isnan(found.pixels[~found.is_in_front]).all()
-    with pytest.raises(InputError, match=r"^points: found shape \(3,\), expected \(N, 3\) or \(N, 4\)"):
+    with pytest.raises(InputError, match=r"^points: found shape \(3,\), needed \(N, 3\) or \(N, 4\)"):
         calibration.project([1.0, 2.0, 3.0])
 
 
@@ -60,7 +60,7 @@ def test_points_are_drawn_where_they_are_projected(
     assert np.abs(changed - (v, u)).max() <= 2
     assert calibration.overlay(image[..., 0], points).shape == image.shape
     with pytest.raises(
-        InputError, match=r"^image: found shape \(90, 160, 3\), expected \(180, 320\) or \(180, 320, 3\)"
+        InputError, match=r"^image: found shape \(90, 160, 3\), needed \(180, 320\) or \(180, 320, 3\)"
     ):
         calibration.overlay(image[::2, ::2], points)
 
@@ -82,7 +82,7 @@ def test_it_is_saved_whole_and_for_other_tools(calibration: semcal.Calibration, 
 def test_a_notebook_shows_the_verdict_the_interval_and_the_image(calibration: semcal.Calibration) -> None:
     shown = calibration._repr_html_()
     assert "Trusted:" in shown
-    assert re.search(r"\u00b1[0-9.]+ mm", shown)
+    assert re.search(r"\u00b1[0-9.]+ (cm|mm)", shown)
     assert 'src="data:image/jpeg;base64,' in shown
     assert "<script" not in shown
     assert len(shown) < 100_000

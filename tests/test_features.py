@@ -72,12 +72,12 @@ def test_vectors_of_blocks_are_those_of_their_pixels(drive: Drive, tmp_path: Pat
 @pytest.mark.parametrize(
     ("key", "array", "complaint"),
     [
-        ("image_features", np.zeros((100, 640, 4)), r"found shape \(100, 640, 4\), expected \(360, 640, C\)"),
+        ("image_features", np.zeros((100, 640, 4)), r"found shape \(100, 640, 4\), needed \(360, 640, C\)"),
         ("image_features", np.zeros((360, 640)), r"found shape \(360, 640\), needed"),
         (
             "point_features",
             np.zeros((3, 4)),
-            r"found shape \(3, 4\), expected \(\d+, C\): points/000000.bin has",
+            r"found shape \(3, 4\), needed \(\d+, C\): points/000000.bin has",
         ),
         ("point_features", np.array(["a"]), r"found <U1, expected an array of numbers"),
         ("point_features", None, "found no NumPy array"),

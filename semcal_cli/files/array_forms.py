@@ -67,7 +67,7 @@ def check_array(name: str, array: object, forms: Sequence[Form]) -> None:
         raise InputError(f"{name}: found {type(array).__name__}, expected an array of shape {shapes}")
     form = next((form for form in forms if form.fits(array.shape)), None)
     if form is None:
-        raise InputError(f"{name}: found shape {array.shape}, expected {shapes}")
+        raise InputError(f"{name}: found shape {array.shape}, needed {shapes}")
     if not any(np.issubdtype(array.dtype, kind) for kind in form.kinds):
         raise InputError(f"{name}: found {array.dtype}, expected {form.needed}")
 

@@ -97,7 +97,7 @@ def _of_image(drive: Drive, frame: Frame) -> Features:
     rows, columns = vectors.shape[:2] if vectors.ndim == 3 else (0, 0)
     if not rows or not columns or width % columns or height % rows or width // columns != height // rows:
         needed = f"({height}, {width}, C), or both sides divided by the same whole number"
-        raise InputError(f"{path}: found shape {vectors.shape}, expected {needed}")
+        raise InputError(f"{path}: found shape {vectors.shape}, needed {needed}")
     return vectors
 
 
