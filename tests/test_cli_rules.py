@@ -89,10 +89,10 @@ REFUSED = {
     "verify d c --cue features": "--cue features cannot be used with verify: feature vectors have no histogram.",
     "view d --cue features": "--cue features cannot be used with view: feature vectors have no classes to show.",
     # labels
-    "label d -o o": "Give --image-model, --point-model, --points or --show.",
+    "label d -o o": "Give --image-model, --point-model, --points, --show or --download.",
     "label d --image-card x -o o": "--image-card requires --image-model or --show.",
     "calibrate d --rectify": "--rectify requires --image-model.",
-    "label d --points segments": "Give -o, --preview or --show.",
+    "label d --points segments": "Give -o, --preview, --show or --to.",
     "label d --points segments --probabilities -o o": "--probabilities requires --image-model or --show: it is for "
     "images.",
     "label d --points segments --point-model x -o o": "--points cannot be used with --point-model.",

@@ -142,7 +142,7 @@ def test_frames_that_move_differently_tell_the_clock(
     assert np.sqrt(np.trace(covariance[:3, :3])) == pytest.approx(off_m)
     notes = notes_on_clock(late, found)
     assert len(notes) == (late_ms > 0.0)
-    assert all("ms later than the drive says, which the interval includes" in note for note in notes)
+    assert all("ms late; the interval allows for it" in note for note in notes)
     exact = replace(late, drive=late.drive.model_copy(update={"time_offset_sigma_s": 0.0}))
     assert notes_on_clock(exact, clock_of(exact, street_truth)) == ()
 

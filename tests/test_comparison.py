@@ -78,7 +78,7 @@ def test_the_direction_of_a_bare_matrix_can_be_stated(
     assert done.exit_code == 0, done.output
     if command[0] == "compare":
         wrong = invoke(*words, "--reference-direction", "lidar-to-camera")
-        assert (wrong.exit_code, "beyond limits" in wrong.output) == (3, True)
+        assert (wrong.exit_code, "verdict          fail: rotation" in wrong.output) == (3, True)
 
 
 def test_several_transforms_are_compared_with_the_first(street: Path, tmp_path: Path) -> None:

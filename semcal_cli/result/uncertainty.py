@@ -237,9 +237,11 @@ def wide_directions(
 
 def _weak_directions(half_widths: Sequence[float]) -> tuple[str, ...]:
     center, rotation = wide_directions(half_widths, WEAK_M, WEAK_DEG)
+    shifts = ", ".join(f"{name} +- {lengths([half])}" for name, half in center)
+    turns = ", ".join(f"{name} +- {figure(half)} degrees" for name, half in rotation)
     return (
-        *(f"{name}, +- {lengths([half])} (frames with nearby objects would help)" for name, half in center),
-        *(f"{name}, +- {figure(half)} degrees (more frames would help)" for name, half in rotation),
+        *([f"{shifts} (frames with nearby objects would help)"] if shifts else []),
+        *([f"{turns} (more frames would help)"] if turns else []),
     )
 
 
