@@ -190,7 +190,12 @@ def _u4(number: int) -> bytes:
     return struct.pack("<I", number)
 
 
-def _ros1(path: Path, body: Callable[[int], bytes], chunks: Callable[[int], list[int]]) -> None:
+def _ros1(
+    path: Path,
+    body: Callable[[int], bytes],
+    chunks: Callable[[int], list[int]],
+    num_indexes: int = len(SENSORS),
+) -> None:
     """Write a recording of ROS 1: chunks with their indexes, by their first bytes, and the places of chunks."""
     connections = []
     for key, kind in enumerate(SENSORS):
@@ -217,7 +222,7 @@ def _ros1(path: Path, body: Callable[[int], bytes], chunks: Callable[[int], list
             chunk_pos=struct.pack("<Q", place),
             start_time=bytes(8),
             end_time=bytes(8),
-            count=_u4(len(SENSORS)),
+            count=_u4(num_indexes),
         )
         for place in places
     ]
@@ -245,6 +250,13 @@ def shared_index(folder: Path, count: int) -> None:
         return b"".join([*heads, *_ros1_index(100 * count)])
 
     _ros1(folder / "a.bag", body, lambda start: [start + length * number for number in range(count)])
+
+
+def empty_indexes(folder: Path, count: int) -> None:
+    """Write many chunks of ROS 1 that all lead to the same many indexes without messages."""
+    indexes = _ros1_index(0)[0] * count
+    body = _ros1_record(5, b"", compression=b"none", size=_u4(0)) + indexes
+    _ros1(folder / "a.bag", lambda start: body, lambda start: [start] * count, count)
 
 
 def protobuf_fields(folder: Path, count: int) -> None:
@@ -383,6 +395,13 @@ KINDS: dict[str, Growth] = {
         (*IMPORT, "a.bag"),
         "found an index that is used several times, expected one a chunk$",
         3,
+        10_000,
+    ),
+    "empty indexes of ROS 1": Growth(
+        empty_indexes,
+        (*IMPORT, "a.bag"),
+        "found an index that is used several times, expected one a chunk$",
+        20,
         10_000,
     ),
     "sweeps that do not fit": Growth(

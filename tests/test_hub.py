@@ -315,6 +315,7 @@ def test_a_downloaded_network_works_elsewhere_without_a_connection(
     monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "empty"))
     assert invoke("label", plain, "--image-model", f"hf:{NAME}", "-o", tmp_path / "no").exit_code == 1
     (model,) = folder.rglob("model.onnx")
+    assert f"offline: semcal label DRIVE --image-model {model} -o labelled" in " ".join(done.output.split())
     for name, cache in ((model, tmp_path / "empty"), (f"hf:{NAME}", folder)):
         monkeypatch.setattr(constants, "HF_HUB_CACHE", str(cache))
         out = tmp_path / f"out_{cache.name}"

@@ -231,9 +231,8 @@ def label(settings: LabelSettings) -> None:
         if settings.download is not None and settings.to is not None:
             model = find_model(settings.download, settings.max_download_mb, terminal.on_event)
             copy = copy_network(model, settings.to)
-            terminal.print(
-                f"wrote {copy}", f"offline: semcal label DRIVE --image-model {shell(copy)} -o DRIVE"
-            )
+            offline = shell("label", "DRIVE", "--image-model", copy, "-o", "labelled")
+            terminal.print(f"wrote {copy}", f"offline: {offline}")
             return
         if settings.drive is None:
             raise click.UsageError("Missing argument 'DRIVE'.")

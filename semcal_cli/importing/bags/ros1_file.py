@@ -152,8 +152,9 @@ class Ros1File:
             self._chunks.append(_Chunk(compression, self._file.tell(), length))
             self._file.seek(length, 1)
             for _ in range(num_connections):
+                start = self._file.tell()
                 header, length = _record(self._file, INDEX)
-                num_bytes += length
+                num_bytes += self._file.tell() - start + length
                 num_entries += length // ENTRY.itemsize
                 if num_entries > MAX_INDEX_ENTRIES:
                     found = f"an index of more than {MAX_INDEX_ENTRIES:,} messages"
