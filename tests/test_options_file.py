@@ -7,6 +7,7 @@ import pytest
 from commands import invoke
 
 HEAD = "semcal_options: 1\n"
+NO_SUCH = "`semcal calibrate` takes no such option from a file"
 
 
 def test_options_of_a_file_are_those_that_are_typed(street: Path, tmp_path: Path) -> None:
@@ -29,15 +30,21 @@ def test_options_of_a_file_are_those_that_are_typed(street: Path, tmp_path: Path
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("calibrate: {}", "add `semcal_options: 1`, which states the version of the file"),
-        (f"{HEAD}calib: {{}}", "`semcal --help` lists no command 'calib'"),
-        (
-            f"{HEAD}calibrate: {{cues: edges}}",
-            "calibrate.cues: `semcal calibrate --help` lists no such option",
-        ),
+        ("calibrate: {}", "add `semcal_options: 1`"),
+        ("semcal_options: true", "found version True, expected `semcal_options: 1`"),
+        (f"{HEAD}batch: {{}}", "found 'batch', expected a command that has --config"),
+        (f"{HEAD}calib: {{}}", "found 'calib', expected a command that has --config"),
+        (f"{HEAD}calibrate: {{cues: edges}}", f"calibrate.cues: {NO_SUCH}"),
+        (f"{HEAD}calibrate: {{config: a}}", f"calibrate.config: {NO_SUCH}"),
+        (f"{HEAD}calibrate: {{help-all: true}}", f"calibrate.help-all: {NO_SUCH}"),
         (f"{HEAD}calibrate: {{max-frames: -5}}", "calibrate.max-frames: -5 is not in the range x>=1."),
         (f"{HEAD}calibrate: {{force: 1}}", "calibrate.force: found 1, expected true or false"),
         (f"{HEAD}calibrate: {{exclude: a}}", "calibrate.exclude: found 'a', expected a list"),
+        (
+            f"{HEAD}calibrate: {{exclude: [1.0]}}",
+            "calibrate.exclude: found the number 1; write names in quotes",
+        ),
+        (f"{HEAD}calibrate: {{init: ''}}", "calibrate.init: found nothing, expected a value"),
         (f"{HEAD}calibrate: {{seed: [1]}}", "calibrate.seed: found [1], expected one value"),
         (f"{HEAD}calibrate: {{seed: }}", "calibrate.seed: found None, expected a number or a text"),
         (f"{HEAD}calibrate: edges", "calibrate: found 'edges', expected a mapping of options"),
@@ -49,3 +56,17 @@ def test_a_wrong_file_is_one_line(content: str, message: str, street: Path, tmp_
     done = invoke("calibrate", street, "--config", file)
     assert done.exit_code == 1
     assert str(done.exception) == f"{file}: {message}"
+
+
+def test_a_contradiction_names_the_file(street: Path, tmp_path: Path) -> None:
+    file = tmp_path / "options.yaml"
+    file.write_text(f"{HEAD}calibrate: {{init: a.yaml}}\nverify: {{json: true, junit: '-'}}\n")
+    done = invoke("calibrate", street, "--config", file, "--from-nothing")
+    assert done.exit_code == 2
+    said = " ".join(done.output.split())
+    assert f"--from-nothing cannot be used with --init. {file} states some options." in said
+    both = invoke("verify", street, street, "--config", file)
+    assert (both.exit_code, "--json and --junit would both write to standard output" in both.output) == (
+        2,
+        True,
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,13 @@ VERSION_KEY = "semcal_options"
 NEWEST_VERSION = 1
 
 
-def read_options(path: Path, command: click.Command, known: list[str]) -> dict[str, Any]:
+def read_options(path: Path, command: click.Command, takes_file: Callable[[str], bool]) -> dict[str, Any]:
     """Read the options of a command, as values that click takes in place of its defaults.
 
     Args:
         path: A YAML or JSON file: `semcal_options: 1`, and a mapping of options for each command.
         command: The command.
-        known: Names of all commands that the file may hold.
+        takes_file: Tells whether another command has options from a file, too.
 
     Raises:
         InputError: the file is missing or wrong, or the command has no such option.
@@ -27,21 +28,30 @@ def read_options(path: Path, command: click.Command, known: list[str]) -> dict[s
     from semcal_cli.files.documents import read_document
 
     document = read_document(path)
-    if document.get(VERSION_KEY) != NEWEST_VERSION:
-        raise InputError(
-            f"{path}: add `{VERSION_KEY}: {NEWEST_VERSION}`, which states the version of the file"
-        )
-    if unknown := next((key for key in document if key not in (VERSION_KEY, *known)), None):
-        raise InputError(f"{path}: `semcal --help` lists no command {unknown!r}")
+    version = document.pop(VERSION_KEY, None)
+    if type(version) is not int or version != NEWEST_VERSION:
+        found = "add" if version is None else f"found version {version!r}, expected"
+        raise InputError(f"{path}: {found} `{VERSION_KEY}: {NEWEST_VERSION}`")
+    others = (key for key in document if key != command.name)
+    if unknown := next((key for key in others if not takes_file(str(key))), None):
+        raise InputError(f"{path}: found {unknown!r}, expected a command that has --config")
     of_command = document.get(str(command.name)) or {}
     if not isinstance(of_command, dict):
         raise InputError(f"{path}: {command.name}: {mismatch(repr(of_command), 'a mapping of options')}")
-    options = {name: option for option in command.params for name in option.opts}
+    options = {
+        name.lstrip("-"): option
+        for option in command.params
+        for name in option.opts
+        if isinstance(option, click.Option)
+        and option.expose_value
+        and not option.is_eager
+        and name != "--config"
+    }
     values = {}
     for key, value in of_command.items():
         where = f"{path}: {command.name}.{key}"
-        if (option := options.get(f"--{key}")) is None:
-            raise InputError(f"{where}: `semcal {command.name} --help` lists no such option")
+        if (option := options.get(str(key))) is None:
+            raise InputError(f"{where}: `semcal {command.name}` takes no such option from a file")
         values[str(option.name)] = _value(option, value, path.parent, where)
     return values
 
@@ -62,5 +72,11 @@ def _value(option: click.Parameter, value: Any, folder: Path, where: str) -> Any
 def _word(option: click.Parameter, value: Any, folder: Path, where: str) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise InputError(f"{where}: {mismatch(repr(value), 'a number or a text')}")
-    is_path = isinstance(option.type, click.Path) and value != "-"
-    return str(folder / str(value)) if is_path else str(value)
+    if isinstance(value, float) and isinstance(option.type, click.types.StringParamType):
+        raise InputError(f"{where}: found the number {value:g}; write names in quotes")
+    if value == "":
+        raise InputError(f"{where}: found nothing, expected a value")
+    path, metavar = folder / str(value), option.metavar or ""
+    # Some options take a file or a name.
+    is_path = isinstance(option.type, click.Path) or ("|" in metavar and "FILE" in metavar and path.exists())
+    return str(path) if is_path and value != "-" else str(value)

@@ -18,7 +18,7 @@ from typing import Any, Generic, Literal, TypeVar, get_args, get_origin, get_typ
 import click
 
 from semcal_cli.cli.examples import examples_of
-from semcal_cli.cli.rules import DEFAULT_MAP, given_parameters
+from semcal_cli.cli.rules import COMMANDLINE, DEFAULT_MAP
 from semcal_cli.config.setting import KEY, settings_of
 from semcal_cli.errors import ChoiceError, InputError, MisplacedError, first_of
 from semcal_cli.files.output_files import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
@@ -314,7 +314,7 @@ class SettingsCommand(ExampleCommand, Generic[Settings]):
         if ctx.resilient_parsing:
             return rest
         if complaint := next(filter(None, (rule.complaint(ctx) for rule in self.rules)), None):
-            raise click.UsageError(complaint, ctx)
+            raise click.UsageError(f"{complaint} {file} states some options." if file else complaint, ctx)
         if ctx.params.get("as_json"):
             _check_stdout_is_free(ctx)
         return rest
@@ -329,10 +329,13 @@ class SettingsCommand(ExampleCommand, Generic[Settings]):
         if (file := values.get(OPTIONS_FILE)) is None:
             return None
         root = ctx.find_root()
-        known = (
-            root.command.list_commands(root) if isinstance(root.command, click.Group) else [str(self.name)]
-        )
-        ctx.default_map = read_options(Path(file), self, known) | dict(ctx.default_map or {})
+
+        def takes_file(name: str) -> bool:
+            group = root.command
+            other = group.get_command(root, name) if isinstance(group, click.Group) else None
+            return other is not None and any(parameter.name == OPTIONS_FILE for parameter in other.params)
+
+        ctx.default_map = read_options(Path(file), self, takes_file) | dict(ctx.default_map or {})
         return Path(file)
 
     def settings_in(self, ctx: click.Context) -> Settings:
@@ -441,7 +444,9 @@ def without_option(words: Sequence[str], name: str) -> list[str]:
 
 def _check_stdout_is_free(context: click.Context) -> None:
     """Check that no file goes to standard output, to which --json prints the result."""
-    for parameter in given_parameters(context):
+    for parameter in context.command.params:
+        if context.get_parameter_source(str(parameter.name)) not in (COMMANDLINE, DEFAULT_MAP):
+            continue
         path, name = context.params[str(parameter.name)], parameter.opts[0]
         # Standard output is None as the file of the result.
         if parameter.type is OUTPUT_FILE and (path is None or descriptor(path) == 1):
