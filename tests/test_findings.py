@@ -23,7 +23,7 @@ POSE_CHECKS = {
     topic: check for topic, check in CHECKS.items() if check.entry.section is not PageSection.INSPECTION
 }
 """The checks of a verdict, by topic; the others are those of an inspection."""
-ORDERS = {"add", "calibrate", "compare", "check", "give", "label", "measure", "record", "start"}
+ORDERS = {"add", "calibrate", "compare", "check", "give", "label", "measure", "record", "run", "start"}
 """Words that an advice begins with."""
 FEWEST = 58
 """Number of places that make a finding; a walk that finds fewer has missed some."""

@@ -179,15 +179,15 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         if options.camera != CAMERAS[0]:
+            found = "" if options.camera is None else f"found --to-camera {options.camera}; "
             needed = f"add --to-camera {CAMERAS[0]}, if the transform is that of the rectified camera 0"
-            found = "no --to-camera" if options.camera is None else f"--to-camera {options.camera}"
-            raise InputError(f"--to {name}: found {found}, {needed}")
+            raise InputError(f"--to {name}: {found}{needed}")
         return f"{first_line}{key}: {_row(T_camera_lidar[:3])}\n".encode()
 
     def edit(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:
         lines = parse_keyed(source.path, source.text)
         if options.camera not in CAMERAS:
-            raise InputError(f"{source.path}: needed --to-camera with one of: {', '.join(CAMERAS)}")
+            raise InputError(f"{source.path}: add --to-camera with one of: {', '.join(CAMERAS)}")
         T = inverse(offset_from_camera0(lines.at(options.camera))) @ T_camera_lidar
         if key == OBJECT_KEY:
             T = inverse(rotation(lines.at(RECTIFICATION))) @ T
