@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import gc
 import json
+import math
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
@@ -135,7 +136,8 @@ def format_against_limit(value: float, limit: float, digits: int = 0, unit: str 
     scale = 100.0 if unit == "%" else 1.0
     for places in range(digits, digits + MAX_MORE_DIGITS + 1):
         text, limit_text = f"{scale * value:.{places}f}", f"{scale * limit:.{places}f}"
-        if value == limit or float(text) != float(limit_text):
+        is_told = float(text) != float(limit_text)
+        if is_told or (value == limit and math.isclose(float(limit_text), scale * limit)):
             break
     short = limit_text.rstrip("0").rstrip(".") if "." in limit_text else limit_text
     return (text if float(text) else text.removeprefix("-")) + unit, short + unit
@@ -216,9 +218,10 @@ def _requirement(extra: str) -> str:
     if record is None:
         return f"semcal[{extra}]"
     origin = json.loads(record)
-    version_control = origin.get("vcs_info", {}).get("vcs")
-    address = origin["url"] if version_control is None else f"{version_control}+{origin['url']}"
-    return f"semcal[{extra}] @ {address}"
+    address, folder = origin["url"], origin.get("subdirectory")
+    if (cloned := origin.get("vcs_info")) is not None:
+        address = f"{cloned['vcs']}+{address}@{cloned.get('requested_revision', cloned['commit_id'])}"
+    return f"semcal[{extra}] @ {address}" + (f"#subdirectory={folder}" if folder else "")
 
 
 def check_installed(requester: str, package: str, extra: str) -> None:

@@ -41,8 +41,8 @@ def lengths(values_m: Sequence[float]) -> str:
 
 def figure(value: float) -> str:
     """Format a figure with two significant digits and without an exponent."""
-    if value == 0.0:
-        return "0"
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
     # The power of ten is that of the rounded figure: 0.0998 is 0.10.
     digits = max(0, 1 - math.floor(math.log10(abs(float(f"{value:.1e}")))))
     return f"{value:.{min(digits, 6)}f}"

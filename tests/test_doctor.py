@@ -55,7 +55,7 @@ def test_a_missing_extra_says_what_needs_it(monkeypatch: pytest.MonkeyPatch) -> 
         ({"url": "file:///home/me/semcal", "dir_info": {}}, "semcal[bag] @ file:///home/me/semcal"),
         (
             {"url": "https://github.com/o/semcal", "vcs_info": {"vcs": "git", "commit_id": "1"}},
-            "semcal[bag] @ git+https://github.com/o/semcal",
+            "semcal[bag] @ git+https://github.com/o/semcal@1",
         ),
     ],
 )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, printable
 from semcal_cli.files.output_files import write_bytes, write_text
 
 if TYPE_CHECKING:
@@ -67,11 +67,12 @@ def check_plot(path: Path | None) -> None:
 
 def table_lines(files: Sequence[ComparedFile]) -> list[str]:
     """Write a line for each transform."""
-    width = max(len(file.name) for file in files)
+    names = [printable(file.name) for file in files]
+    width = max(map(len, names))
     lines = [f"{'':<{width}}  {'rotation':>13}  {'camera centre':>13}"]
-    for file in files:
+    for name, file in zip(names, files, strict=True):
         turn, shift = f"{file.error.rotation_deg:.3f} deg", f"{file.error.camera_center_cm:.2f} cm"
-        lines.append(f"{file.name:<{width}}  {turn:>13}  {shift:>13}  {file.verdict}")
+        lines.append(f"{name:<{width}}  {turn:>13}  {shift:>13}  {file.verdict}")
     return lines
 
 
@@ -88,6 +89,8 @@ def write_plot(files: Sequence[ComparedFile], path: Path) -> None:
     from semcal_cli.report import drawing
 
     names = [Path(file.name).stem for file in files]
+    if len({*names}) < len(names):  # results of a batch have one name
+        names = [printable(file.name) for file in files]
     colors = [drawing.BAD if file.verdict == "fail" else drawing.ACCENT for file in files]
 
     def draw(figure: Figure) -> None:

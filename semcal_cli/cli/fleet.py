@@ -200,9 +200,10 @@ def _groups_apart(combined: Fleet) -> list[list[FleetDrive]]:
     from semcal_cli.fleet.fleet_verdict import MIN_USED
     from semcal_cli.fleet.groups import groups_that_agree
 
+    if combined.drift is not None or len(combined.parts) > 1:
+        return []
     groups = groups_that_agree([compared.drive for compared in combined.drives], combined.limits)
-    is_explained = combined.drift is not None or len(combined.parts) > 1
-    return [] if is_explained or len(groups[0]) > MIN_USED * len(combined.drives) else groups
+    return [] if len(groups[0]) > MIN_USED * len(combined.drives) else groups
 
 
 def _apart(drive: ComparedDrive) -> str:

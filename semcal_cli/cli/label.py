@@ -214,7 +214,8 @@ def label(settings: LabelSettings) -> None:
     exit code is then 1.
     """
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.errors import shell
+    from semcal_cli.errors import InputError, shell
+    from semcal_cli.files.input_files import is_folder, kind_of
     from semcal_cli.labelling.hub import copy_network, find_model
     from semcal_cli.labelling.image_labeller import describe_model
     from semcal_cli.labelling.onnx_network import open_network
@@ -229,6 +230,10 @@ def label(settings: LabelSettings) -> None:
                 click.echo("\n".join(wrapped(name, text, SHOW_WIDTH)))
             return
         if settings.download is not None and settings.to is not None:
+            if settings.drive is not None:
+                raise click.UsageError("--download takes no DRIVE: it labels nothing.")
+            if (kind := kind_of(settings.to)) is not None and not is_folder(settings.to):
+                raise InputError(f"{settings.to}: found {kind}, expected a folder")
             model = find_model(settings.download, settings.max_download_mb, terminal.on_event)
             copy = copy_network(model, settings.to)
             offline = shell("label", "DRIVE", "--image-model", copy, "-o", "labelled")

@@ -61,11 +61,24 @@ class FiniteRange(_Finite, click.FloatRange):
     """A range of finite numbers: NaN and infinity are refused."""
 
 
-class StreamOrFile(click.Path):
+class NamedPath(click.Path):
+    """A path that is not empty, as those of scripts with an unset variable are."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Make the path."""
+        if value == "":
+            self.fail("found an empty name, expected a file or a folder.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class StreamOrFile(NamedPath):
     """A file; `-` is a standard stream."""
 
     def __init__(self, stream: Path) -> None:
-        super().__init__(path_type=Path)
+        super().__init__()
         self.stream = stream
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -114,7 +127,7 @@ class Names(click.ParamType[tuple[str, ...]]):
         return tuple(name for name in choices if name in names) or names
 
 
-PATH = click.Path(path_type=Path)
+PATH = NamedPath()
 INPUT_FILE, OUTPUT_FILE = StreamOrFile(STANDARD_INPUT), StreamOrFile(STANDARD_OUTPUT)
 PLAIN_TYPES: dict[Any, click.ParamType[Any]] = {Path: PATH, str: click.STRING, bool: click.BOOL}
 

@@ -16,8 +16,8 @@ from semcal_cli.result.uncertainty import normal_half_widths
 def groups_that_agree(drives: Sequence[FleetDrive], limits: Limits) -> list[list[FleetDrive]]:
     """Group drives of one camera whose poses agree, the largest group first.
 
-    A drive joins the first group whose most certain drive it is not clearly away from. The time grows with the number
-    of drives times that of groups.
+    A drive joins the first group whose most certain drive it agrees with. The time grows with the number of drives
+    times that of groups.
 
     Args:
         drives: Drives that can be used, each with its pose and covariance.

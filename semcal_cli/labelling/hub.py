@@ -140,7 +140,7 @@ def copy_network(model: Path, folder: Path) -> Path:
         folder: Where to; HF_HUB_CACHE may name it on the other machine.
 
     Returns:
-        The copied model, which has its name on the hub and its licence there, too.
+        The copied model. Its path still tells its name on the hub, so that its licence is known there.
 
     Raises:
         InputError: the network is not from the hub, or cannot be copied.

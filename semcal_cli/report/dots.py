@@ -11,6 +11,8 @@ import numpy.typing as npt
 from semcal_cli.geometry.arrays import Colors, Image
 
 COLUMNS_PER_DOT_RADIUS = 640
+MAX_SPREAD_RADIUS_PX = 4
+"""Radius up to which all pixels of all dots are set at once; larger dots are drawn one by one."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,10 @@ def draw_dots(
 
 
 def _fill_disks(canvas: Image, pixels: npt.NDArray[np.intp], colors: Colors, radius: int) -> None:
+    if radius > MAX_SPREAD_RADIUS_PX:
+        for (u, v), color in zip(pixels.tolist(), colors.tolist(), strict=True):
+            cv2.circle(canvas, (u, v), radius, color, cv2.FILLED)
+        return
     height, width = canvas.shape[:2]
     span = np.arange(-radius, radius + 1)
     du, dv = (grid.ravel() for grid in np.meshgrid(span, span))

@@ -30,6 +30,8 @@ PIXEL_SIGMA = 3.0
 CENTER_SIGMA_M = 0.5
 """How far the camera may be from where the start has it: with two pairs, this decides its position."""
 PARALLEL_DEG = 1.0
+MIN_RANGE_M = 0.01
+"""Distance of a point from the camera below which it has no direction."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,10 @@ def read_pairs(value: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.floa
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError("view: found no pairs of a point and a pixel") from None
     count = len(points)
-    if not MIN_PAIRS <= count <= MAX_PAIRS or points.shape != (count, 3) or pixels.shape != (count, 2):
+    if not MIN_PAIRS <= count <= MAX_PAIRS:
         raise InputError(f"view: found {counted(count, 'pair')}, needed {MIN_PAIRS} to {MAX_PAIRS}")
+    if points.shape != (count, 3) or pixels.shape != (count, 2):
+        raise InputError("view: found pairs of other sizes, needed 3 coordinates of a point and 2 of a pixel")
     if not (np.isfinite(points).all() and np.isfinite(pixels).all()):
         raise InputError("view: found a number that is not finite, expected points and pixels")
     return points, pixels
@@ -129,13 +133,16 @@ def pose_of_pairs(
         raise InputError("view: found a pixel that the lens does not reach; choose another")
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     center = np.array(camera_center(T_start))
-    if np.linalg.norm(rays - rays.mean(axis=0), axis=1).max() < np.radians(PARALLEL_DEG):
-        raise InputError("view: found pairs in one direction; choose some farther apart")
+    if np.linalg.norm(points_lidar - center, axis=1).min() < MIN_RANGE_M:
+        raise InputError("view: found a point where the camera is; choose one farther away")
 
     def directions(center: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         offsets = points_lidar - center
         return np.asarray(offsets / np.linalg.norm(offsets, axis=1, keepdims=True))
 
+    for seen in (rays, directions(center)):
+        if np.linalg.norm(seen - seen.mean(axis=0), axis=1).max() < np.radians(PARALLEL_DEG):
+            raise InputError("view: found pairs in one direction; choose some farther apart")
     initial, _ = Rotation.align_vectors(rays, directions(center))
 
     def residuals(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
