@@ -199,7 +199,7 @@ def test_a_library_that_is_not_there_is_named_with_its_extra() -> None:
     check_installed("numbers", "numpy", "numbers")
     with pytest.raises(
         InputError,
-        match=r"^a\.laz: found no such_library; install the extra 'las': pip install 'semcal\[las\]',",
+        match=r"^a\.laz: found no such_library; install the extra 'las': pip install 'semcal\[las\]",
     ):
         check_installed("a.laz", "such_library", "las")
 
