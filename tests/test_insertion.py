@@ -13,8 +13,8 @@ from conftest import make_pose
 from format_files import BODY_OF_OPTICAL, FILES as FORMAT_FILES, T_ANY, rpy, words, xyzw
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats import read_transform, set_in_file, write_transform
-from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats import insertion, read_transform, set_in_file, write_transform
+from semcal_cli.formats.format import FormatOptions, Source, edited
 
 ANY_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 LAUNCH_PY = """from launch import LaunchDescription
@@ -209,3 +209,34 @@ def test_the_command_replaces_a_file_only_by_force(tmp_path: Path) -> None:
     assert "add --to-direction lidar-to-camera" in str(
         invoke("convert", T, "--into", bare, "--key", "T").exception
     )
+
+
+def test_a_quaternion_alone_is_no_place_for_a_transform(tmp_path: Path) -> None:
+    target, options = tmp_path / "theirs.yaml", FormatOptions(direction="lidar-to-camera")
+    target.write_text("a: {rotation: {x: 0, y: 0, z: 0, w: 1}, b: {x: 0, y: 0, z: 0, w: 1, t: [0, 0, 0]}}")
+    with pytest.raises(InputError, match=r"a.rotation: found x, y, z, w, needed .* a translation and a"):
+        set_in_file(calibration(tmp_path), target, key="a.rotation", write_options=options)
+    content = set_in_file(calibration(tmp_path), target, key="a.b", write_options=options)
+    *quaternion, t = yaml.safe_load(content)["a"]["b"].values()
+    np.testing.assert_allclose([*quaternion, *t], [*xyzw(T_ANY), *T_ANY[:3, 3]], atol=1e-8)
+
+
+def test_what_is_edited_has_one_place_for_each_number() -> None:
+    source = Source(Path("a.txt"), b"x: 0.25")
+    assert edited(source, [(3, 4, "1"), (4, 7, ".5")]) == b"x: 1.5"
+    with pytest.raises(InputError, match=r"a.txt: line 1: found one place for '0.1' and '0.2', expected two"):
+        edited(source, [(3, 7, "0.1"), (3, 7, "0.2")])
+
+
+def test_numbers_that_are_read_back_must_be_those_of_the_transform(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(insertion, "number_text", lambda value: f"{value + 1e-5:.9f}")
+    (tmp_path / "theirs.yaml").write_text("T: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]")
+    with pytest.raises(InputError, match="T: the transform cannot be set"):
+        set_in_file(
+            calibration(tmp_path),
+            tmp_path / "theirs.yaml",
+            key="T",
+            write_options=FormatOptions(direction="lidar-to-camera"),
+        )

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, get_args
 
@@ -189,9 +190,19 @@ class Source:
 
 
 def edited(source: Source, edits: Edits) -> bytes:
-    """Replace parts of the text of a file, and return the content of the new file."""
-    text = source.text
-    for start, end, replacement in sorted(edits, reverse=True):
+    """Replace parts of the text of a file, and return the content of the new file.
+
+    Raises:
+        InputError: two parts overlap.
+    """
+    text, ordered = source.text, sorted(edits)
+    for (_, end, first), (start, _, second) in pairwise(ordered):
+        if start < end:
+            line = text.count("\n", 0, start) + 1
+            raise InputError(
+                f"{source.path}: line {line}: found one place for {first!r} and {second!r}, expected two"
+            )
+    for start, end, replacement in reversed(ordered):
         text = f"{text[:start]}{replacement}{text[end:]}"
     mark = codecs.BOM_UTF8 if source.content.startswith(codecs.BOM_UTF8) else b""
     return mark + text.encode()

@@ -43,6 +43,9 @@ ROTATIONS = ("rotation", "orientation", "quaternion", "rpy", "R", "rot", "Rcl", 
 """Names of the two parts of a transform."""
 MATRIX = "data"
 """Key of the numbers in a matrix of OpenCV or ROS."""
+NEEDED = (
+    "needed 3 x 4 or 4 x 4 numbers, x y z with roll pitch yaw or qx qy qz qw, or a translation and a rotation"
+)
 
 
 def format_of(source: Source, key: str | None, formats: Sequence[Format]) -> Format | None:
@@ -96,10 +99,8 @@ def set_transform(
 
 def _set_in_document(T: Pose, source: Source, path: list[Any]) -> bytes:
     """Write a transform as it is under a path of keys."""
-    text = _standard(source)
     where = f"{source.path}: {''.join(map(key_part, path)).removeprefix('.')}"
-    place = _descend(yaml.compose(text, Loader=yaml.SafeLoader), path)
-    numbers = _numbers(where, place, T)
+    numbers = _numbers(where, _place(source, path), T)
     places = [(node.start_mark.index, node.end_mark.index, number_text(value)) for node, value in numbers]
     content = edited(source, places)
     before, after = (
@@ -107,7 +108,15 @@ def _set_in_document(T: Pose, source: Source, path: list[Any]) -> bytes:
     )
     if _without(before, path) != _without(after, path):
         raise InputError(f"{where}: the transform cannot be set without changing more than it")
+    again = _numbers(where, _place(Source(source.path, content), path), T)
+    if not all(abs(float(node.value) - value) <= TOLERANCE for node, value in again):
+        raise InputError(f"{where}: the transform cannot be set; other numbers are read back")
     return content
+
+
+def _place(source: Source, path: list[Any]) -> Any:
+    """Find the YAML node under a path of keys."""
+    return _descend(yaml.compose(_standard(source), Loader=yaml.SafeLoader), path)
 
 
 def _paths_to(value: Any, document: Any) -> Iterator[list[Any]]:
@@ -173,22 +182,23 @@ def _numbers(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
         entries = {name.value: value for name, value in node.value}
         if MATRIX in entries:
             return _numbers(where, entries[MATRIX], T)
-        if XYZ[0] in entries:
+        # Beside w, x y z are those of a quaternion, and the translation is elsewhere.
+        is_quaternion = entries.keys() >= {*XYZ, "w"}
+        if XYZ[0] in entries and not is_quaternion:
             return [*_named(where, entries, T, XYZ), *_rotation(where, node, T)]
-        parts = [[name for name in names if name in entries] for names in (TRANSLATIONS, ROTATIONS)]
-        if all(len(names) == 1 for names in parts):
-            (translation,), (rotation,) = parts
-            return [
-                *_translation(f"{where}{key_part(translation)}", entries[translation], T),
-                *_rotation(f"{where}{key_part(rotation)}", entries[rotation], T),
-            ]
+        translations, rotations = (
+            [(f"{where}{key_part(name)}", entries[name]) for name in names if name in entries]
+            for names in (TRANSLATIONS, ROTATIONS)
+        )
+        if is_quaternion:
+            rotations.append((where, node))
+        if len(translations) == len(rotations) == 1:
+            return [*_translation(*translations[0], T), *_rotation(*rotations[0], T)]
+        raise InputError(f"{where}: found {listed(entries)}, {NEEDED}")
     scalars = list(_scalars(node))
     if len(scalars) in (12, 16) and _is_matrix(node, 4):
         return list(zip(scalars, T.ravel().tolist(), strict=False))
-    raise InputError(
-        f"{where}: found {describe(_value(node))}, needed 3 x 4 or 4 x 4 numbers, x y z with roll pitch yaw or "
-        "qx qy qz qw, or a translation and a rotation"
-    )
+    raise InputError(f"{where}: found {describe(_value(node))}, {NEEDED}")
 
 
 def _translation(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
