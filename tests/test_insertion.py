@@ -240,3 +240,16 @@ def test_numbers_that_are_read_back_must_be_those_of_the_transform(
             key="T",
             write_options=FormatOptions(direction="lidar-to-camera"),
         )
+
+
+@pytest.mark.parametrize("separator", ["\u2028", "\x0c", "\x85", "\r"])
+def test_a_launch_file_in_python_has_the_lines_that_python_sees(separator: str, tmp_path: Path) -> None:
+    # A carriage return ends a line, and a comment with it; the others do not.
+    text = LAUNCH_PY.replace(": é\n", f": é{separator}# é\n")
+    assert text != LAUNCH_PY
+    target = tmp_path / "static.launch.py"
+    target.write_bytes(text.encode())
+    content = set_in_file(calibration(tmp_path), target)
+    assert ANY_NUMBER.sub("#", content.decode()) == ANY_NUMBER.sub("#", text)
+    target.write_bytes(content)
+    np.testing.assert_allclose(read_transform(target), T_ANY, atol=1e-7)

@@ -200,8 +200,9 @@ def _launch_words(source: Source) -> list[list[Word]]:
         tree = ast.parse(source.text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError(f"{source.path}: is not well-formed Python, expected a launch file") from None
-    begins = [0, *itertools.accumulate(len(line.encode()) for line in source.text.splitlines(keepends=True))]
     content = source.text.encode()
+    # Bytes are split into lines where Python splits them; a text is split at more characters.
+    begins = [0, *itertools.accumulate(map(len, content.splitlines(keepends=True)))]
     publishers = []
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
         fields = {keyword.arg: keyword.value for keyword in call.keywords}
