@@ -253,3 +253,13 @@ def test_a_launch_file_in_python_has_the_lines_that_python_sees(separator: str, 
     assert ANY_NUMBER.sub("#", content.decode()) == ANY_NUMBER.sub("#", text)
     target.write_bytes(content)
     np.testing.assert_allclose(read_transform(target), T_ANY, atol=1e-7)
+
+
+@pytest.mark.parametrize(("ends", "found"), [("\nR: ", "2 lines"), ("\r", "0 lines")])
+def test_a_key_of_kitti_on_several_lines_is_refused(ends: str, found: str, tmp_path: Path) -> None:
+    target = tmp_path / "calib_velo_to_cam.txt"
+    R = words(np.eye(3))
+    first = f"R: {R}{ends}" if found == "2 lines" else f"calib_time: today{ends}R: "
+    target.write_bytes(f"{first}{R}\nT: 0 0 0\n".encode())
+    with pytest.raises(InputError, match=f"R: found {found}, expected one"):
+        set_in_file(calibration(tmp_path), target)
