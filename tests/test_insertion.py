@@ -263,3 +263,13 @@ def test_a_key_of_kitti_on_several_lines_is_refused(ends: str, found: str, tmp_p
     target.write_bytes(f"{first}{R}\nT: 0 0 0\n".encode())
     with pytest.raises(InputError, match=f"R: found {found}, expected one"):
         set_in_file(calibration(tmp_path), target)
+
+
+def test_a_frame_with_the_name_of_a_number_stays(tmp_path: Path) -> None:
+    target, text = tmp_path / "static.sh", FILES["static.sh"][0]
+    before, numbers, _ = re.split("(--x.*?)--frame-id", text, flags=re.DOTALL)
+    text = f"{before}--frame-id x --child-frame-id cam_optical {numbers}"
+    target.write_text(text)
+    options = FormatOptions(lidar="x", camera="cam_optical")
+    content = set_in_file(calibration(tmp_path), target, write_options=options).decode()
+    assert ANY_NUMBER.sub("#", content) == ANY_NUMBER.sub("#", text)

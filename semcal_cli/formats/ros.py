@@ -147,9 +147,9 @@ def _new_words(where: str, words: list[str], T_camera_lidar: Pose, options: Form
     names = XYZ + (RPY if any(name in arguments for name in RPY) else XYZW)
     if missing := [name for name in names if name not in arguments]:
         raise InputError(f"{where}: found no --{missing[0]}, expected one, so that it can be set")
-    positions = list(arguments) if is_in_order else [word.removeprefix("--") for word in words]
+    positions = {name: index if is_in_order else 2 * index + 1 for index, name in enumerate(arguments)}
     values = numbers_of(T)
-    return {positions.index(name) + (not is_in_order): number_text(values[name]) for name in names}
+    return {positions[name]: number_text(values[name]) for name in names}
 
 
 def _set_words(
