@@ -273,3 +273,33 @@ def test_a_frame_with_the_name_of_a_number_stays(tmp_path: Path) -> None:
     options = FormatOptions(lidar="x", camera="cam_optical")
     content = set_in_file(calibration(tmp_path), target, write_options=options).decode()
     assert ANY_NUMBER.sub("#", content) == ANY_NUMBER.sub("#", text)
+
+
+@pytest.mark.parametrize("key", ["true", "null", "1.5", "7"])
+def test_keys_that_are_no_text_lead_to_a_transform(key: str, tmp_path: Path) -> None:
+    matrix = "[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]"
+    text = f"True: {matrix}\n~: {matrix}\n1.50: {matrix}\n+7: {matrix}\n2: {matrix}\n'true ': {matrix}\n"
+    target = tmp_path / "theirs.yaml"
+    target.write_text(text)
+    options = FormatOptions(direction="lidar-to-camera")
+    found = yaml.safe_load(set_in_file(calibration(tmp_path), target, key=key, write_options=options))
+    np.testing.assert_allclose(found.pop(yaml.safe_load(key)), T_ANY[:3].ravel(), atol=1e-8)
+    assert list(found.values()) == [yaml.safe_load(matrix)] * 5
+
+
+@pytest.mark.parametrize(
+    ("key", "complaint"),
+    [
+        (r'"\ud83d\ude97"', "theirs.json: .*: found no such key in the text, expected it without escapes"),
+        (
+            '"\U0001f697"\n',
+            "theirs.json: found JSON that is no YAML, expected each key and its colon on one line",
+        ),
+    ],
+)
+def test_json_that_yaml_does_not_read_alike_is_refused(key: str, complaint: str, tmp_path: Path) -> None:
+    target = tmp_path / "theirs.json"
+    target.write_text(f"{{{key}: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}}")
+    options = FormatOptions(direction="lidar-to-camera")
+    with pytest.raises(InputError, match=complaint):
+        set_in_file(calibration(tmp_path), target, key="\U0001f697", write_options=options)

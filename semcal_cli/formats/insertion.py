@@ -6,9 +6,9 @@ their own place. What is written is read again: the transform must be the same, 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import yaml
 from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS, parse_any
 from semcal_cli.files.validation import key_part
+from semcal_cli.files.yaml_values import plain_value
 from semcal_cli.formats import urdf
 from semcal_cli.formats.format import Format, FormatOptions, Source, edited
 from semcal_cli.formats.frame_names import apply_direction, optical_axes
@@ -100,7 +101,7 @@ def set_transform(
 def _set_in_document(T: Pose, source: Source, path: list[Any]) -> bytes:
     """Write a transform as it is under a path of keys."""
     where = f"{source.path}: {''.join(map(key_part, path)).removeprefix('.')}"
-    numbers = _numbers(where, _place(source, path), T)
+    numbers = _numbers(where, _place(where, source, path), T)
     places = [(node.start_mark.index, node.end_mark.index, number_text(value)) for node, value in numbers]
     content = edited(source, places)
     before, after = (
@@ -108,15 +109,28 @@ def _set_in_document(T: Pose, source: Source, path: list[Any]) -> bytes:
     )
     if _without(before, path) != _without(after, path):
         raise InputError(f"{where}: the transform cannot be set without changing more than it")
-    again = _numbers(where, _place(Source(source.path, content), path), T)
+    again = _numbers(where, _place(where, Source(source.path, content), path), T)
     if not all(abs(float(node.value) - value) <= TOLERANCE for node, value in again):
         raise InputError(f"{where}: the transform cannot be set; other numbers are read back")
     return content
 
 
-def _place(source: Source, path: list[Any]) -> Any:
-    """Find the YAML node under a path of keys."""
-    return _descend(yaml.compose(_standard(source), Loader=yaml.SafeLoader), path)
+def _place(where: str, source: Source, path: list[Any]) -> Any:
+    """Find the YAML node under a path of keys, which are compared by what they stand for, such as true or 1.5."""
+    try:
+        node = yaml.compose(_standard(source), Loader=yaml.SafeLoader)
+    except yaml.YAMLError:  # A document of JSON may break the line between a key and its colon.
+        needed = "expected each key and its colon on one line"
+        raise InputError(f"{source.path}: found JSON that is no YAML, {needed}") from None
+    for key in path:
+        if isinstance(node, yaml.SequenceNode):
+            node = node.value[key]
+        else:
+            values = [value for name, value in node.value if _value(name) == key]
+            if len(values) != 1:
+                raise InputError(f"{where}: found no such key in the text, expected it without escapes")
+            node = values[0]
+    return node
 
 
 def _paths_to(value: Any, document: Any) -> Iterator[list[Any]]:
@@ -146,7 +160,7 @@ def _resolve(node: Node, key: str) -> list[Any]:
         elif isinstance(node.value, list):
             choices = dict(enumerate(node.value))
         is_list = isinstance(node.value, list)
-        names = {f"[{name}]" if is_list else str(name): name for name in choices}
+        names = {f"[{name}]" if is_list else _key_text(name): name for name in choices}
         matching = [name for name in names if rest == name or rest.startswith((f"{name}.", f"{name}["))]
         if not matching:
             found = f"keys {listed(names)}" if names else describe(node.value)
@@ -158,13 +172,9 @@ def _resolve(node: Node, key: str) -> list[Any]:
     return path
 
 
-def _descend(node: Any, path: list[Any]) -> Any:
-    for key in path:
-        if isinstance(node, yaml.SequenceNode):
-            node = node.value[key]
-        else:
-            node = next(value for name, value in node.value if name.value == str(key))
-    return node
+def _key_text(key: Any) -> str:
+    """Write a key as it is written in YAML, such as true or null."""
+    return key if isinstance(key, str) else json.dumps(key)
 
 
 def _without(document: Any, path: list[Any]) -> Any:
@@ -265,7 +275,7 @@ def _is_matrix(node: Any, columns: int) -> bool:
 def _value(node: Any) -> Any:
     """Return what a node stands for, as semcal reads YAML."""
     if isinstance(node, yaml.ScalarNode):
-        return parse_any(node.value, Path("value.yaml")) if node.style is None and node.value else node.value
+        return plain_value(node.value) if node.style is None else node.value
     if isinstance(node, yaml.SequenceNode):
         return [_value(item) for item in node.value]
     return {name.value: _value(value) for name, value in node.value}
