@@ -178,7 +178,7 @@ def test_a_pose_on_a_base_follows_from_that_of_the_lidar(tmp_path: Path) -> None
         ("a: {x: 0, y: 0, z: 0, yaw: 0}", "a", "found x, y, z, yaw, expected roll pitch yaw, or qx"),
         ("a: {t: [0, 0, 0], q: [0, 0, 0, 1], rotation: [0, 0, 0, 1]}", "a", "expected nine numbers, or roll"),
         ("a: &n [1, 0]\nT: *n", "T", "anchor"),
-        ("a: {T: 1}", None, "found no --key, expected the keys of the transform"),
+        ("a: {T: 1}", None, "add --key with the keys of the transform, such as a.b.T"),
     ],
 )
 def test_a_place_without_a_transform_is_refused(
@@ -303,3 +303,13 @@ def test_json_that_yaml_does_not_read_alike_is_refused(key: str, complaint: str,
     options = FormatOptions(direction="lidar-to-camera")
     with pytest.raises(InputError, match=complaint):
         set_in_file(calibration(tmp_path), target, key="\U0001f697", write_options=options)
+
+
+@pytest.mark.parametrize("name", ["nuscenes", "driveworks", "calibration-anywhere"])
+@pytest.mark.parametrize("key", [None, "a.b"])
+def test_poses_on_a_base_that_are_only_read_are_not_set(name: str, key: str | None, tmp_path: Path) -> None:
+    file_name, content, _ = FORMAT_FILES[name]
+    target = tmp_path / file_name
+    target.write_text(content if isinstance(content, str) else json.dumps(content))
+    with pytest.raises(InputError, match=f"{target.name}: found {name}, which is only read"):
+        set_in_file(calibration(tmp_path), target, key=key)

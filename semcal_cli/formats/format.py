@@ -240,7 +240,8 @@ class Format:
     if files of the format are not edited, or only under a key, as documents are."""
     set_camera: Callable[[Source, Pose, FormatOptions], tuple[Any, Pose]] | None = None
     """Finds the entry of the camera in a document with poses on a base, and computes the pose T_base_camera of that
-    entry for which the transform between the sensors is T_camera_lidar."""
+    entry for which the transform between the sensors is T_camera_lidar; raises `InputError` if files of the format are
+    only read."""
     read_lens: Callable[[Source, str | None, str | None], CameraBlock | None] | None = None
     """Reads the intrinsics of a camera, given its name and the camera model that the user chooses, if any. Returns None
     if the file is of another format."""

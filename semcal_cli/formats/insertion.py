@@ -80,9 +80,9 @@ def set_transform(
     if format is not None and format.edit is not None:
         content = edited(source, format.edit(source, T_camera_lidar, key, options))
     elif format is not None and format.set_camera is not None:
+        entry, T = format.set_camera(source, T_camera_lidar, options)
         if key is not None:
             raise InputError(f"{source.path}: found {format.name}, whose entries have names; leave out --key")
-        entry, T = format.set_camera(source, T_camera_lidar, options)
         content = _set_in_document(T, source, next(_paths_to(entry, source.document)))
     else:
         if key is None:
