@@ -313,3 +313,38 @@ def test_poses_on_a_base_that_are_only_read_are_not_set(name: str, key: str | No
     target.write_text(content if isinstance(content, str) else json.dumps(content))
     with pytest.raises(InputError, match=f"{target.name}: found {name}, which is only read"):
         set_in_file(calibration(tmp_path), target, key=key)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: {n: 1, T: {unit: deg, x: 0, y: 0, z: 0, roll: 1, pitch: 0, yaw: 1.5}}",
+        "a: {T: {t: [0, 0, 0], rpy: [1, 0, 1.5], rpy_unit: Degrees}}",
+        "angles: degree\na: {T: {t: [0, 0, 0], rotation: {roll: 1, pitch: 0, yaw: 1.5}}}",
+        "a: {T: {t: [0, 0, 0], rotation: {roll: 1, pitch: 0, yaw: 1.5, degrees: true}}}",
+    ],
+)
+def test_angles_in_degrees_are_not_overwritten_by_radians(text: str, tmp_path: Path) -> None:
+    (tmp_path / "theirs.yaml").write_text(text)
+    options = FormatOptions(direction="lidar-to-camera")
+    with pytest.raises(InputError, match=r"theirs.yaml: .*: found .*, expected radians, in which angles are"):
+        set_in_file(calibration(tmp_path), tmp_path / "theirs.yaml", key="a.T", write_options=options)
+
+
+def test_a_note_says_that_angles_are_written_in_radians(tmp_path: Path) -> None:
+    target = tmp_path / "theirs.yaml"
+    target.write_text(
+        "unit: rad\nA: {x: 0, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}\n"
+        "Q: {x: 0, y: 0, z: 0, qx: 0, qy: 0, qz: 0, qw: 1}\n"
+    )
+    convert = [
+        "convert",
+        calibration(tmp_path),
+        "--into",
+        target,
+        "--to-direction",
+        "lidar-to-camera",
+        "--key",
+    ]
+    assert invoke(*convert, "A").stderr == f"{target}: A: angles are written in radians\n"
+    assert invoke(*convert, "Q").stderr == ""

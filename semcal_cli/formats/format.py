@@ -39,8 +39,8 @@ class FormatOptions:
     intrinsics: Camera | None = None
     """Camera whose intrinsics are written with the transform, if the format can hold them."""
     on_note: Callable[[str], None] | None = None
-    """Called with a line that says why the intrinsics are left out, and with a warning about a transform that is not
-    trusted."""
+    """Called with a line that says why the intrinsics are left out or how the transform is written, and with a warning
+    about a transform that is not trusted."""
     on_repair: Callable[[str], None] | None = None
     """Called for each invalid rotation that is replaced by the nearest rotation; None refuses such files."""
     is_written: bool = False
