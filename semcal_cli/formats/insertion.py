@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,6 @@ import yaml
 from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS, parse_any
 from semcal_cli.files.validation import key_part
-from semcal_cli.files.yaml_values import plain_value
 from semcal_cli.formats import urdf
 from semcal_cli.formats.format import Format, FormatOptions, Source, edited
 from semcal_cli.formats.frame_names import apply_direction, optical_axes
@@ -316,7 +316,7 @@ def _is_matrix(node: Any, columns: int) -> bool:
 def _value(node: Any) -> Any:
     """Return what a node stands for, as semcal reads YAML."""
     if isinstance(node, yaml.ScalarNode):
-        return plain_value(node.value) if node.style is None else node.value
+        return parse_any(node.value, Path("value.yaml")) if node.style is None else node.value
     if isinstance(node, yaml.SequenceNode):
         return [_value(item) for item in node.value]
     return {name.value: _value(value) for name, value in node.value}
