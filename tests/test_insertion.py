@@ -13,8 +13,8 @@ from conftest import make_pose
 from format_files import BODY_OF_OPTICAL, FILES as FORMAT_FILES, T_ANY, rpy, words, xyzw
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats import read_transform, set_in_file, write_transform
-from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats import insertion, read_transform, set_in_file, write_transform
+from semcal_cli.formats.format import FormatOptions, Source, edited
 
 ANY_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 LAUNCH_PY = """from launch import LaunchDescription
@@ -178,7 +178,7 @@ def test_a_pose_on_a_base_follows_from_that_of_the_lidar(tmp_path: Path) -> None
         ("a: {x: 0, y: 0, z: 0, yaw: 0}", "a", "found x, y, z, yaw, expected roll pitch yaw, or qx"),
         ("a: {t: [0, 0, 0], q: [0, 0, 0, 1], rotation: [0, 0, 0, 1]}", "a", "expected nine numbers, or roll"),
         ("a: &n [1, 0]\nT: *n", "T", "anchor"),
-        ("a: {T: 1}", None, "found no --key, expected the keys of the transform"),
+        ("a: {T: 1}", None, "add --key with the keys of the transform, such as a.b.T"),
     ],
 )
 def test_a_place_without_a_transform_is_refused(
@@ -209,3 +209,142 @@ def test_the_command_replaces_a_file_only_by_force(tmp_path: Path) -> None:
     assert "add --to-direction lidar-to-camera" in str(
         invoke("convert", T, "--into", bare, "--key", "T").exception
     )
+
+
+def test_a_quaternion_alone_is_no_place_for_a_transform(tmp_path: Path) -> None:
+    target, options = tmp_path / "theirs.yaml", FormatOptions(direction="lidar-to-camera")
+    target.write_text("a: {rotation: {x: 0, y: 0, z: 0, w: 1}, b: {x: 0, y: 0, z: 0, w: 1, t: [0, 0, 0]}}")
+    with pytest.raises(InputError, match=r"a.rotation: found x, y, z, w, needed .* a translation and a"):
+        set_in_file(calibration(tmp_path), target, key="a.rotation", write_options=options)
+    content = set_in_file(calibration(tmp_path), target, key="a.b", write_options=options)
+    *quaternion, t = yaml.safe_load(content)["a"]["b"].values()
+    np.testing.assert_allclose([*quaternion, *t], [*xyzw(T_ANY), *T_ANY[:3, 3]], atol=1e-8)
+
+
+def test_what_is_edited_has_one_place_for_each_number() -> None:
+    source = Source(Path("a.txt"), b"x: 0.25")
+    assert edited(source, [(3, 4, "1"), (4, 7, ".5")]) == b"x: 1.5"
+    with pytest.raises(InputError, match=r"a.txt: line 1: found one place for '0.1' and '0.2', expected two"):
+        edited(source, [(3, 7, "0.1"), (3, 7, "0.2")])
+
+
+def test_numbers_that_are_read_back_must_be_those_of_the_transform(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(insertion, "number_text", lambda value: f"{value + 1e-5:.9f}")
+    (tmp_path / "theirs.yaml").write_text("T: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]")
+    with pytest.raises(InputError, match="T: the transform cannot be set"):
+        set_in_file(
+            calibration(tmp_path),
+            tmp_path / "theirs.yaml",
+            key="T",
+            write_options=FormatOptions(direction="lidar-to-camera"),
+        )
+
+
+@pytest.mark.parametrize("separator", ["\u2028", "\x0c", "\x85", "\r"])
+def test_a_launch_file_in_python_has_the_lines_that_python_sees(separator: str, tmp_path: Path) -> None:
+    # A carriage return ends a line, and a comment with it; the others do not.
+    text = LAUNCH_PY.replace(": é\n", f": é{separator}# é\n")
+    assert text != LAUNCH_PY
+    target = tmp_path / "static.launch.py"
+    target.write_bytes(text.encode())
+    content = set_in_file(calibration(tmp_path), target)
+    assert ANY_NUMBER.sub("#", content.decode()) == ANY_NUMBER.sub("#", text)
+    target.write_bytes(content)
+    np.testing.assert_allclose(read_transform(target), T_ANY, atol=1e-7)
+
+
+@pytest.mark.parametrize(("ends", "found"), [("\nR: ", "2 lines"), ("\r", "0 lines")])
+def test_a_key_of_kitti_on_several_lines_is_refused(ends: str, found: str, tmp_path: Path) -> None:
+    target = tmp_path / "calib_velo_to_cam.txt"
+    R = words(np.eye(3))
+    first = f"R: {R}{ends}" if found == "2 lines" else f"calib_time: today{ends}R: "
+    target.write_bytes(f"{first}{R}\nT: 0 0 0\n".encode())
+    with pytest.raises(InputError, match=f"R: found {found}, expected one"):
+        set_in_file(calibration(tmp_path), target)
+
+
+def test_a_frame_with_the_name_of_a_number_stays(tmp_path: Path) -> None:
+    target, text = tmp_path / "static.sh", FILES["static.sh"][0]
+    before, numbers, _ = re.split("(--x.*?)--frame-id", text, flags=re.DOTALL)
+    text = f"{before}--frame-id x --child-frame-id cam_optical {numbers}"
+    target.write_text(text)
+    options = FormatOptions(lidar="x", camera="cam_optical")
+    content = set_in_file(calibration(tmp_path), target, write_options=options).decode()
+    assert ANY_NUMBER.sub("#", content) == ANY_NUMBER.sub("#", text)
+
+
+@pytest.mark.parametrize("key", ["true", "null", "1.5", "7"])
+def test_keys_that_are_no_text_lead_to_a_transform(key: str, tmp_path: Path) -> None:
+    matrix = "[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]"
+    text = f"True: {matrix}\n~: {matrix}\n1.50: {matrix}\n+7: {matrix}\n2: {matrix}\n'true ': {matrix}\n"
+    target = tmp_path / "theirs.yaml"
+    target.write_text(text)
+    options = FormatOptions(direction="lidar-to-camera")
+    found = yaml.safe_load(set_in_file(calibration(tmp_path), target, key=key, write_options=options))
+    np.testing.assert_allclose(found.pop(yaml.safe_load(key)), T_ANY[:3].ravel(), atol=1e-8)
+    assert list(found.values()) == [yaml.safe_load(matrix)] * 5
+
+
+@pytest.mark.parametrize(
+    ("key", "complaint"),
+    [
+        (r'"\ud83d\ude97"', "theirs.json: .*: found no such key in the text, expected it without escapes"),
+        (
+            '"\U0001f697"\n',
+            "theirs.json: found JSON that is no YAML, expected each key and its colon on one line",
+        ),
+    ],
+)
+def test_json_that_yaml_does_not_read_alike_is_refused(key: str, complaint: str, tmp_path: Path) -> None:
+    target = tmp_path / "theirs.json"
+    target.write_text(f"{{{key}: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}}")
+    options = FormatOptions(direction="lidar-to-camera")
+    with pytest.raises(InputError, match=complaint):
+        set_in_file(calibration(tmp_path), target, key="\U0001f697", write_options=options)
+
+
+@pytest.mark.parametrize("name", ["nuscenes", "driveworks", "calibration-anywhere"])
+@pytest.mark.parametrize("key", [None, "a.b"])
+def test_poses_on_a_base_that_are_only_read_are_not_set(name: str, key: str | None, tmp_path: Path) -> None:
+    file_name, content, _ = FORMAT_FILES[name]
+    target = tmp_path / file_name
+    target.write_text(content if isinstance(content, str) else json.dumps(content))
+    with pytest.raises(InputError, match=f"{target.name}: found {name}, which is only read"):
+        set_in_file(calibration(tmp_path), target, key=key)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: {n: 1, T: {unit: deg, x: 0, y: 0, z: 0, roll: 1, pitch: 0, yaw: 1.5}}",
+        "a: {T: {t: [0, 0, 0], rpy: [1, 0, 1.5], rpy_unit: Degrees}}",
+        "angles: degree\na: {T: {t: [0, 0, 0], rotation: {roll: 1, pitch: 0, yaw: 1.5}}}",
+        "a: {T: {t: [0, 0, 0], rotation: {roll: 1, pitch: 0, yaw: 1.5, degrees: true}}}",
+    ],
+)
+def test_angles_in_degrees_are_not_overwritten_by_radians(text: str, tmp_path: Path) -> None:
+    (tmp_path / "theirs.yaml").write_text(text)
+    options = FormatOptions(direction="lidar-to-camera")
+    with pytest.raises(InputError, match=r"theirs.yaml: .*: found .*, expected radians, in which angles are"):
+        set_in_file(calibration(tmp_path), tmp_path / "theirs.yaml", key="a.T", write_options=options)
+
+
+def test_a_note_says_that_angles_are_written_in_radians(tmp_path: Path) -> None:
+    target = tmp_path / "theirs.yaml"
+    target.write_text(
+        "unit: rad\nA: {x: 0, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}\n"
+        "Q: {x: 0, y: 0, z: 0, qx: 0, qy: 0, qz: 0, qw: 1}\n"
+    )
+    convert = [
+        "convert",
+        calibration(tmp_path),
+        "--into",
+        target,
+        "--to-direction",
+        "lidar-to-camera",
+        "--key",
+    ]
+    assert invoke(*convert, "A").stderr == f"{target}: A: angles are written in radians\n"
+    assert invoke(*convert, "Q").stderr == ""

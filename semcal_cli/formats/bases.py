@@ -55,6 +55,7 @@ AUTOWARE = base_format(
     NumbersNotation({"": KIT_KEYS}, are_named=True),
     base="sensor kit",
     asks=FRAMES,
+    is_set=True,
 )
 
 TABLE, SENSORS = "calibrated_sensor.json", "sensor.json"

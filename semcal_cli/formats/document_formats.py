@@ -97,10 +97,12 @@ def base_format(
     *,
     base: str,
     asks: tuple[str, ...],
+    is_set: bool = False,
 ) -> Format:
     """Make a format of documents with the poses of sensors on a base, p_base = T p_sensor.
 
-    No file can be made, because the extrinsics do not determine the poses of camera and LiDAR on the base.
+    No file can be made, because the extrinsics do not determine the poses of camera and LiDAR on the base. If `is_set`,
+    the pose of the camera can be set in a file; otherwise files are only read.
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
@@ -113,6 +115,10 @@ def base_format(
         raise InputError(f"--to {name}: poses are relative to the {base}; {needed}")
 
     def set_camera(source: Source, T_camera_lidar: Pose, options: FormatOptions) -> tuple[Any, Pose]:
+        if not is_set:
+            raise InputError(
+                f"{source.path}: found {name}, which is only read; choose another file for --into"
+            )
         pair = find(source.node, options)
         T_base_optical = notation.read(pair.lidar, options) @ inverse(T_camera_lidar)
         return pair.camera.value, T_base_optical @ inverse(pair.T_frame_optical)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, get_args
 
@@ -38,8 +39,8 @@ class FormatOptions:
     intrinsics: Camera | None = None
     """Camera whose intrinsics are written with the transform, if the format can hold them."""
     on_note: Callable[[str], None] | None = None
-    """Called with a line that says why the intrinsics are left out, and with a warning about a transform that is not
-    trusted."""
+    """Called with a line that says why the intrinsics are left out or how the transform is written, and with a warning
+    about a transform that is not trusted."""
     on_repair: Callable[[str], None] | None = None
     """Called for each invalid rotation that is replaced by the nearest rotation; None refuses such files."""
     is_written: bool = False
@@ -189,9 +190,19 @@ class Source:
 
 
 def edited(source: Source, edits: Edits) -> bytes:
-    """Replace parts of the text of a file, and return the content of the new file."""
-    text = source.text
-    for start, end, replacement in sorted(edits, reverse=True):
+    """Replace parts of the text of a file, and return the content of the new file.
+
+    Raises:
+        InputError: two parts overlap.
+    """
+    text, ordered = source.text, sorted(edits)
+    for (_, end, first), (start, _, second) in pairwise(ordered):
+        if start < end:
+            line = text.count("\n", 0, start) + 1
+            raise InputError(
+                f"{source.path}: line {line}: found one place for {first!r} and {second!r}, expected two"
+            )
+    for start, end, replacement in reversed(ordered):
         text = f"{text[:start]}{replacement}{text[end:]}"
     mark = codecs.BOM_UTF8 if source.content.startswith(codecs.BOM_UTF8) else b""
     return mark + text.encode()
@@ -229,7 +240,8 @@ class Format:
     if files of the format are not edited, or only under a key, as documents are."""
     set_camera: Callable[[Source, Pose, FormatOptions], tuple[Any, Pose]] | None = None
     """Finds the entry of the camera in a document with poses on a base, and computes the pose T_base_camera of that
-    entry for which the transform between the sensors is T_camera_lidar."""
+    entry for which the transform between the sensors is T_camera_lidar; raises `InputError` if files of the format are
+    only read."""
     read_lens: Callable[[Source, str | None, str | None], CameraBlock | None] | None = None
     """Reads the intrinsics of a camera, given its name and the camera model that the user chooses, if any. Returns None
     if the file is of another format."""

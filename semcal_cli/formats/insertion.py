@@ -6,10 +6,12 @@ their own place. What is written is read again: the transform must be the same, 
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -43,6 +45,23 @@ ROTATIONS = ("rotation", "orientation", "quaternion", "rpy", "R", "rot", "Rcl", 
 """Names of the two parts of a transform."""
 MATRIX = "data"
 """Key of the numbers in a matrix of OpenCV or ROS."""
+NEEDED = (
+    "needed 3 x 4 or 4 x 4 numbers, x y z with roll pitch yaw or qx qy qz qw, or a translation and a rotation"
+)
+
+
+DEGREES = {"deg", "degs", "degree", "degrees"}
+"""Words for the unit of angles that are not written."""
+
+
+class _Number(NamedTuple):
+    """A number in a document."""
+
+    node: Any
+    """The scalar of YAML that holds it."""
+    value: float
+    """The value that it gets."""
+    is_angle: bool = False
 
 
 def format_of(source: Source, key: str | None, formats: Sequence[Format]) -> Format | None:
@@ -76,10 +95,10 @@ def set_transform(
     if format is not None and format.edit is not None:
         content = edited(source, format.edit(source, T_camera_lidar, key, options))
     elif format is not None and format.set_camera is not None:
+        entry, T = format.set_camera(source, T_camera_lidar, options)
         if key is not None:
             raise InputError(f"{source.path}: found {format.name}, whose entries have names; leave out --key")
-        entry, T = format.set_camera(source, T_camera_lidar, options)
-        content = _set_in_document(T, source, next(_paths_to(entry, source.document)))
+        content = _set_in_document(T, source, next(_paths_to(entry, source.document)), options)
     else:
         if key is None:
             raise InputError(f"{source.path}: add --key with the keys of the transform, such as a.b.T")
@@ -87,27 +106,74 @@ def set_transform(
         T = T_camera_lidar
         if options.frame is not None:
             T = optical_axes(str(source.path), "", options) @ T
-        return _set_in_document(apply_direction(f"{source.path}: {key}", T, options), source, path)
+        return _set_in_document(apply_direction(f"{source.path}: {key}", T, options), source, path, options)
     again = format.read(Source(source.path, content), replace(options, is_written=False))
     if not np.allclose(again, T_camera_lidar, rtol=0.0, atol=TOLERANCE):
         raise InputError(f"{source.path}: the transform cannot be set; add --to {format.name} and a new file")
     return content
 
 
-def _set_in_document(T: Pose, source: Source, path: list[Any]) -> bytes:
+def _set_in_document(T: Pose, source: Source, path: list[Any], options: FormatOptions) -> bytes:
     """Write a transform as it is under a path of keys."""
-    text = _standard(source)
     where = f"{source.path}: {''.join(map(key_part, path)).removeprefix('.')}"
-    place = _descend(yaml.compose(text, Loader=yaml.SafeLoader), path)
-    numbers = _numbers(where, place, T)
-    places = [(node.start_mark.index, node.end_mark.index, number_text(value)) for node, value in numbers]
-    content = edited(source, places)
+    numbers = _numbers(where, _place(where, source, path), T)
+    has_angles = any(number.is_angle for number in numbers)
+    if has_angles:
+        _refuse_degrees(Node(str(source.path), parse_any(_standard(source), source.path)), path)
+    content = edited(
+        source,
+        [(node.start_mark.index, node.end_mark.index, number_text(value)) for node, value, _ in numbers],
+    )
     before, after = (
         parse_any(_standard(each), source.path) for each in (source, Source(source.path, content))
     )
     if _without(before, path) != _without(after, path):
         raise InputError(f"{where}: the transform cannot be set without changing more than it")
+    again = _numbers(where, _place(where, Source(source.path, content), path), T)
+    if not all(abs(float(node.value) - value) <= TOLERANCE for node, value, _ in again):
+        raise InputError(f"{where}: the transform cannot be set; other numbers are read back")
+    if has_angles:
+        options.note(f"{where}: angles are written in radians")
     return content
+
+
+def _place(where: str, source: Source, path: list[Any]) -> Any:
+    """Find the YAML node under a path of keys, which are compared by what they stand for, such as true or 1.5."""
+    try:
+        node: Any = yaml.compose(_standard(source), Loader=yaml.SafeLoader)
+    except yaml.YAMLError:  # A document of JSON may break the line between a key and its colon.
+        needed = "expected each key and its colon on one line"
+        raise InputError(f"{source.path}: found JSON that is no YAML, {needed}") from None
+    for key in path:
+        if isinstance(node, yaml.SequenceNode):
+            node = node.value[key]
+        else:
+            values = [value for name, value in node.value if _value(name) == key]
+            if len(values) != 1:
+                raise InputError(f"{where}: found no such key in the text, expected it without escapes")
+            node = values[0]
+    return node
+
+
+def _refuse_degrees(document: Node, path: list[Any]) -> None:
+    """Refuse a place for angles if an entry of it, or beside what holds it, says that angles are in degrees."""
+    for key, entry in _entries_around(document, path):
+        is_unit = isinstance(entry.value, str) and entry.value.lower() in DEGREES
+        is_switch = entry.value is True and not DEGREES.isdisjoint(re.split(r"[^a-z]+", str(key).lower()))
+        if is_unit or is_switch:
+            raise entry.mismatch("radians, in which angles are written")
+
+
+def _entries_around(node: Node, path: list[Any]) -> Iterator[tuple[Any, Node]]:
+    """Go through the entries of all mappings that lead to a place, and of those in it."""
+    if isinstance(node.value, dict):
+        entries = {key: node.child(key, value) for key, value in node.value.items()}
+        yield from entries.items()
+        if not path:
+            for entry in entries.values():
+                yield from _entries_around(entry, path)
+    if path:
+        yield from _entries_around(node.child(path[0], node.value[path[0]]), path[1:])
 
 
 def _paths_to(value: Any, document: Any) -> Iterator[list[Any]]:
@@ -137,7 +203,7 @@ def _resolve(node: Node, key: str) -> list[Any]:
         elif isinstance(node.value, list):
             choices = dict(enumerate(node.value))
         is_list = isinstance(node.value, list)
-        names = {f"[{name}]" if is_list else str(name): name for name in choices}
+        names = {f"[{name}]" if is_list else _key_text(name): name for name in choices}
         matching = [name for name in names if rest == name or rest.startswith((f"{name}.", f"{name}["))]
         if not matching:
             found = f"keys {listed(names)}" if names else describe(node.value)
@@ -149,13 +215,9 @@ def _resolve(node: Node, key: str) -> list[Any]:
     return path
 
 
-def _descend(node: Any, path: list[Any]) -> Any:
-    for key in path:
-        if isinstance(node, yaml.SequenceNode):
-            node = node.value[key]
-        else:
-            node = next(value for name, value in node.value if name.value == str(key))
-    return node
+def _key_text(key: Any) -> str:
+    """Write a key as it is written in YAML, such as true or null."""
+    return key if isinstance(key, str) else json.dumps(key)
 
 
 def _without(document: Any, path: list[Any]) -> Any:
@@ -167,40 +229,41 @@ def _without(document: Any, path: list[Any]) -> Any:
     return document
 
 
-def _numbers(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
+def _numbers(where: str, node: Any, T: Pose) -> list[_Number]:
     """Pair the scalars of a value with the numbers of a transform, in the notation of the value."""
     if isinstance(node, yaml.MappingNode):
         entries = {name.value: value for name, value in node.value}
         if MATRIX in entries:
             return _numbers(where, entries[MATRIX], T)
-        if XYZ[0] in entries:
+        # Beside w, x y z are those of a quaternion, and the translation is elsewhere.
+        is_quaternion = entries.keys() >= {*XYZ, "w"}
+        if XYZ[0] in entries and not is_quaternion:
             return [*_named(where, entries, T, XYZ), *_rotation(where, node, T)]
-        parts = [[name for name in names if name in entries] for names in (TRANSLATIONS, ROTATIONS)]
-        if all(len(names) == 1 for names in parts):
-            (translation,), (rotation,) = parts
-            return [
-                *_translation(f"{where}{key_part(translation)}", entries[translation], T),
-                *_rotation(f"{where}{key_part(rotation)}", entries[rotation], T),
-            ]
+        translations, rotations = (
+            [(f"{where}{key_part(name)}", entries[name]) for name in names if name in entries]
+            for names in (TRANSLATIONS, ROTATIONS)
+        )
+        if is_quaternion:
+            rotations.append((where, node))
+        if len(translations) == len(rotations) == 1:
+            return [*_translation(*translations[0], T), *_rotation(*rotations[0], T)]
+        raise InputError(f"{where}: found {listed(entries)}, {NEEDED}")
     scalars = list(_scalars(node))
     if len(scalars) in (12, 16) and _is_matrix(node, 4):
-        return list(zip(scalars, T.ravel().tolist(), strict=False))
-    raise InputError(
-        f"{where}: found {describe(_value(node))}, needed 3 x 4 or 4 x 4 numbers, x y z with roll pitch yaw or "
-        "qx qy qz qw, or a translation and a rotation"
-    )
+        return list(map(_Number, scalars, T.ravel().tolist()))
+    raise InputError(f"{where}: found {describe(_value(node))}, {NEEDED}")
 
 
-def _translation(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
+def _translation(where: str, node: Any, T: Pose) -> list[_Number]:
     if isinstance(node, yaml.MappingNode):
         return _named(where, {name.value: value for name, value in node.value}, T, XYZ)
     scalars = list(_scalars(node))
     if len(scalars) != 3:
         raise InputError(f"{where}: found {describe(_value(node))}, expected three numbers")
-    return list(zip(scalars, T[:3, 3].tolist(), strict=True))
+    return list(map(_Number, scalars, T[:3, 3].tolist()))
 
 
-def _rotation(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
+def _rotation(where: str, node: Any, T: Pose) -> list[_Number]:
     """Pair the numbers of a rotation: nine by rows, named angles, or a quaternion whose parts have names."""
     if isinstance(node, yaml.MappingNode):
         entries = {name.value: value for name, value in node.value}
@@ -214,16 +277,14 @@ def _rotation(where: str, node: Any, T: Pose) -> list[tuple[Any, float]]:
         raise InputError(f"{where}: found {listed(entries)}, expected {' '.join(RPY)}, or {' '.join(XYZW)}")
     scalars = list(_scalars(node))
     if len(scalars) == 9:
-        return list(zip(scalars, T[:3, :3].ravel().tolist(), strict=True))
+        return list(map(_Number, scalars, T[:3, :3].ravel().tolist()))
     if len(scalars) == 3 and where.endswith("rpy"):
         return _named(where, dict(zip(RPY, scalars, strict=True)), T, RPY)
     needed = "expected nine numbers, or roll pitch yaw or the parts of a quaternion by their names"
     raise InputError(f"{where}: found {describe(_value(node))}, {needed}")
 
 
-def _named(
-    where: str, entries: Mapping[str, Any], T: Pose, names: tuple[str, ...]
-) -> list[tuple[Any, float]]:
+def _named(where: str, entries: Mapping[str, Any], T: Pose, names: tuple[str, ...]) -> list[_Number]:
     values = numbers_of(T)
     if missing := [name for name in names if name not in entries]:
         raise InputError(f"{where}: found {listed(entries)}, expected {missing[0]!r}, too")
@@ -232,7 +293,7 @@ def _named(
             raise InputError(f"{where}: {name}: found {describe(_value(entries[name]))}, expected a number")
         if name in RPY and abs(float(entries[name].value)) > 2.0 * np.pi:
             raise InputError(f"{where}: {name}: found {entries[name].value}, expected radians")
-    return [(entries[name], values[name]) for name in names]
+    return [_Number(entries[name], values[name], name in RPY) for name in names]
 
 
 def _scalars(node: Any) -> Iterator[Any]:
@@ -255,7 +316,7 @@ def _is_matrix(node: Any, columns: int) -> bool:
 def _value(node: Any) -> Any:
     """Return what a node stands for, as semcal reads YAML."""
     if isinstance(node, yaml.ScalarNode):
-        return parse_any(node.value, Path("value.yaml")) if node.style is None and node.value else node.value
+        return parse_any(node.value, Path("value.yaml")) if node.style is None else node.value
     if isinstance(node, yaml.SequenceNode):
         return [_value(item) for item in node.value]
     return {name.value: _value(value) for name, value in node.value}

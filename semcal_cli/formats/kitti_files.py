@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.input_files import read_text
 from semcal_cli.files.output_files import descriptor
 from semcal_cli.formats.format import Edits, Format, FormatOptions, Source
@@ -200,9 +200,11 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
 
 
 def _set_line(source: Source, key: str, values: Numbers) -> Edits:
-    """Replace the numbers after a key, which is on one line."""
-    (match,) = re.finditer(rf"^[ \t]*{key}[ \t]*:[ \t]*([^\r\n]*)", source.text, re.MULTILINE)
-    return [(*match.span(1), _row(values))]
+    """Replace the numbers after a key, which must be on one line."""
+    matches = list(re.finditer(rf"^[ \t]*{key}[ \t]*:[ \t]*([^\r\n]*)", source.text, re.MULTILINE))
+    if len(matches) != 1:
+        raise InputError(f"{source.path}: {key}: found {counted(len(matches), 'line')}, expected one")
+    return [(*matches[0].span(1), _row(values))]
 
 
 def _edit_raw(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:

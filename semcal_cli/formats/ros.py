@@ -147,9 +147,9 @@ def _new_words(where: str, words: list[str], T_camera_lidar: Pose, options: Form
     names = XYZ + (RPY if any(name in arguments for name in RPY) else XYZW)
     if missing := [name for name in names if name not in arguments]:
         raise InputError(f"{where}: found no --{missing[0]}, expected one, so that it can be set")
-    positions = list(arguments) if is_in_order else [word.removeprefix("--") for word in words]
+    positions = {name: index if is_in_order else 2 * index + 1 for index, name in enumerate(arguments)}
     values = numbers_of(T)
-    return {positions.index(name) + (not is_in_order): number_text(values[name]) for name in names}
+    return {positions[name]: number_text(values[name]) for name in names}
 
 
 def _set_words(
@@ -200,8 +200,9 @@ def _launch_words(source: Source) -> list[list[Word]]:
         tree = ast.parse(source.text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError(f"{source.path}: is not well-formed Python, expected a launch file") from None
-    begins = [0, *itertools.accumulate(len(line.encode()) for line in source.text.splitlines(keepends=True))]
     content = source.text.encode()
+    # Bytes are split into lines where Python splits them; a text is split at more characters.
+    begins = [0, *itertools.accumulate(map(len, content.splitlines(keepends=True)))]
     publishers = []
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
         fields = {keyword.arg: keyword.value for keyword in call.keywords}
