@@ -25,9 +25,10 @@ RIG_POSE, RIG_TURN, RIG_SHIFT = "nominalSensor2Rig_FLU", "correction_sensor_R_FL
 
 
 def _is_of_anywhere(source: Source) -> bool:
-    entries = source.mapping.values()
+    entries = source.mapping
     return bool(entries) and all(
-        isinstance(entry, dict) and entry.keys() >= ANYWHERE_KEYS for entry in entries
+        isinstance(name, str) and isinstance(entry, dict) and entry.keys() >= ANYWHERE_KEYS
+        for name, entry in entries.items()
     )
 
 
