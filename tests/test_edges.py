@@ -196,7 +196,7 @@ def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
 ) -> None:
     result = invoke("calibrate", bare, "-o", tmp_path / "found.yaml")
     assert result.exit_code in (0, 3), result.output
-    assert "by segments and edges, the best that its files allow" in result.stderr.replace("\n", " ")
+    assert "by segments and edges, the best its files allow" in " ".join(result.stderr.split())
     cues = yaml.safe_load((tmp_path / "found.yaml").read_text())["settings"]["options"]["cues"]
     assert list(cues) == ["segments", "edges"]
     data = load(bare)

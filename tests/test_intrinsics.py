@@ -100,7 +100,8 @@ def test_four_coefficients_of_opencv_may_be_two_models(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         read_intrinsics(path)
     assert str(error.value) == (
-        f"{path}: found 4 coefficients and no fisheye_model; add --model, such as plumb_bob or fisheye"
+        f"{path}: distortion_coefficients: found 4 coefficients and no fisheye_model; "
+        "add --model, such as plumb_bob or fisheye"
     )
     write(path, OPENCV.replace("0.002, 0.3 ]", "0.002 ]\nfisheye_model: 1"))
     assert read_intrinsics(path)["model"] == "fisheye"

@@ -209,7 +209,7 @@ def test_a_right_pose_has_no_rival_and_a_wrong_one_has(seen: Observations, stree
     assert findings_among(check_rivals(several, street_truth, None)) == ()
     (found,) = findings_among(check_rivals(several, FAR @ street_truth, None))
     assert "explains the data better" in found.sentence
-    assert "standard errors, but must be worse by at least 3: add frames" in found.sentence
+    assert "standard errors; a trusted pose must beat every other by 3: add frames" in found.sentence
 
 
 def test_starts_that_meet_go_on_as_one(seen: Observations, street_truth: Pose) -> None:

@@ -93,7 +93,7 @@ def test_k_is_part_of_the_interval_unless_it_is_exact(drive: Path, tmp_path: Pat
     np.testing.assert_allclose(
         np.array(default.covariance), np.array(exact.covariance) + by_k, rtol=1e-9, atol=1e-18
     )
-    assert ("of which K" in said, "of which K" in said_exact) == (True, False)
+    assert ("errors of K account" in said, "errors of K account" in said_exact) == (True, False)
 
 
 def test_labels_without_images_are_said_to_be_unchecked(street: Path) -> None:

@@ -33,7 +33,8 @@ def _is_of_anywhere(source: Source) -> bool:
 
 
 def _find_in_anywhere(document: Node, options: FormatOptions) -> SensorPair:
-    camera, lidar = camera_and_lidar(document.where, "sensors", document.mapping, options)
+    names = [name for name in document.mapping if isinstance(name, str)]
+    camera, lidar = camera_and_lidar(document.where, "sensors", names, options)
     pair = document.at(camera), document.at(lidar)
     parents = [sensor.at("parent").text() for sensor in pair]
     if parents[0] != parents[1]:
