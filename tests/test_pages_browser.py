@@ -84,7 +84,7 @@ def test_a_fleet_is_read_without_trouble(
         # A short name, or else the number of the drive, one of which is left out.
         name = "015" if prefix == "drives/" else "15"
         sizes = [float(label.removeprefix(f"{name}: ")) for label in labels if label.startswith(f"{name}: ")]
-        assert sizes == pytest.approx([-80.0, 0.6], rel=0.1)  # up, and yaw
+        assert sizes == pytest.approx([-8.0, 0.6], rel=0.1)  # up, cm, and yaw
 
 
 def test_a_rig_is_read_without_trouble(

@@ -75,7 +75,7 @@ def test_the_first_screen_tells_what_matters(page: webdriver.Chrome) -> None:
     assert len(page.find_elements(By.CSS_SELECTOR, "#first button.copy")) == 1
     assert not page.find_element(By.ID, "other-1").is_displayed()
     assert re.fullmatch(
-        r"± \d+\.\d mm, ± \d\.\d{3} degrees \(95 %\), [\d.]+ px at 10 m",
+        r"±[\d.]+ (cm|mm), ±[\d.]+ degrees \(95 %\), or [\d.]+ px at 10 m",
         page.find_element(By.CLASS_NAME, "lead").text,
     )
     assert drawn(page, "#first .after") > 1000
