@@ -163,9 +163,9 @@ fn what_no_model_has_is_refused() {
         );
     }
     for (model, distortion, parameters, complaint) in [
-        ("omnidirectional", &[][..], &[][..], r#"found [], needed ["xi"] for omnidirectional"#),
-        ("double_sphere", &[], &[("xi", 0.1)], r#"found ["xi"], needed ["xi", "alpha"] for double_sphere"#),
-        ("plumb_bob", &[], &[("xi", 0.1)], r#"found ["xi"], needed [] for plumb_bob"#),
+        ("omnidirectional", &[][..], &[][..], r#"found [], expected ["xi"] for omnidirectional"#),
+        ("double_sphere", &[], &[("xi", 0.1)], r#"found ["xi"], expected ["xi", "alpha"] for double_sphere"#),
+        ("plumb_bob", &[], &[("xi", 0.1)], r#"found ["xi"], expected [] for plumb_bob"#),
         ("omnidirectional", &[], &[("xi", -0.1)], "found xi -0.1, needed at least 0 and at most 100"),
         (
             "double_sphere",
