@@ -56,11 +56,11 @@ def compare(settings: CompareSettings) -> None:
     check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
     paths = [settings.b, *settings.others]
     a, b, *others = (read_reference(path, settings.reference_direction) for path in (settings.a, *paths))
-    comparison, *more = (difference(a, other) for other in (b, *others))
-    checks = _checks(comparison, settings)
+    comparisons = [difference(a, other) for other in (b, *others)]
+    judged = [_checks(each, settings) for each in comparisons]
     files = [
-        ComparedFile(str(path), each.error, together(check.verdict for check in _checks(each, settings)))
-        for path, each in zip(paths, (comparison, *more), strict=True)
+        ComparedFile(str(path), each.error, together(check.verdict for check in checks))
+        for path, each, checks in zip(paths, comparisons, judged, strict=True)
     ]
     if settings.csv is not None:
         write_csv(files, settings.csv)
@@ -80,7 +80,7 @@ def compare(settings: CompareSettings) -> None:
         sys.exit(several.exit_code)
     if (cameras := describe_cameras(a, b)) is not None:
         click.echo("\n".join(wrapped("camera", cameras)), err=True)
-    cases = list(map(Case.of_check, checks))
+    comparison, cases = comparisons[0], [Case.of_check(check) for check in judged[0]]
     report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
     if settings.as_json:
         document = asdict(comparison) | {"error": comparison.error.describe()}
