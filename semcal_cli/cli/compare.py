@@ -44,8 +44,8 @@ def compare(settings: CompareSettings) -> None:
 
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
-    from semcal_cli.cli.compare_several import ComparedFile, check_plot, table_lines, write_csv, write_plot
-    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.compare_several import ComparedFile, table_lines, write_csv, write_plot
+    from semcal_cli.cli.outputs import check_outputs, check_plot
     from semcal_cli.cli.tables import verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.formats import read_reference

@@ -7,11 +7,12 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from semcal_cli.errors import InputError, printable
+from semcal_cli.cli.outputs import PLOTS
+from semcal_cli.errors import printable
 from semcal_cli.files.output_files import write_bytes, write_text
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from semcal_cli.geometry.poses import PoseError
     from semcal_cli.pipeline.verdict import Verdict
 
-FORMATS: dict[str, Literal["png", "svg"]] = {".png": "png", ".svg": "svg"}
 PLOT_INCHES = 8.0, 4.0
 COLUMNS = (
     "file",
@@ -53,16 +53,6 @@ class ComparedFile:
         )
         numbers = [self.error.rotation_deg, self.error.camera_center_cm, *turns.tolist(), *shifts.tolist()]
         return [self.name, *(f"{number + 0.0:.6f}" for number in numbers), self.verdict]
-
-
-def check_plot(path: Path | None) -> None:
-    """Check the suffix of a plot.
-
-    Raises:
-        InputError: it is neither .png nor .svg.
-    """
-    if path is not None and path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: found suffix {path.suffix!r}, expected one of: {', '.join(FORMATS)}")
 
 
 def table_lines(files: Sequence[ComparedFile]) -> list[str]:
@@ -104,4 +94,4 @@ def write_plot(files: Sequence[ComparedFile], path: Path) -> None:
             axes.invert_yaxis()
             axes.set_title(title, loc="left")
 
-    write_bytes(drawing.figure_file(draw, PLOT_INCHES, FORMATS[path.suffix.lower()]), path)
+    write_bytes(drawing.figure_file(draw, PLOT_INCHES, PLOTS[path.suffix.lower()]), path)

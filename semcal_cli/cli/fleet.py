@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet
     from semcal_cli.pipeline.verdict import AxisVerdict
 
-PLOTS = (".png", ".svg")
 MAX_LINES = 20
 """Largest number of drives or checks of one kind that the terminal names; the files list all."""
 NO_BREAK = "\u00a0"
@@ -49,11 +48,10 @@ class FleetSettings(LimitSettings, QuietSettings):
         Raises:
             InputError: a suffix does not match the file's format.
         """
-        from semcal_cli.cli.outputs import check_page
+        from semcal_cli.cli.outputs import check_page, check_plot
 
         check_page(self.page)
-        if self.plot is not None and self.plot.suffix.lower() not in PLOTS:
-            raise InputError(f"{self.plot}: found suffix {self.plot.suffix!r}, expected {' or '.join(PLOTS)}")
+        check_plot(self.plot)
 
 
 @command(FleetSettings)
@@ -116,6 +114,7 @@ def fleet(settings: FleetSettings) -> None:
 
 def _write(combined: Fleet, report: CiReport, text: str, settings: FleetSettings) -> None:
     """Write all outputs. Their content is complete before anything is written; the result is written last."""
+    from semcal_cli.cli.outputs import PLOTS
     from semcal_cli.files.output_files import write_bytes
     from semcal_cli.fleet.fleet_page import page_html
     from semcal_cli.fleet.timeline import plot_fleet
@@ -125,7 +124,7 @@ def _write(combined: Fleet, report: CiReport, text: str, settings: FleetSettings
     if page is not None:
         contents[page] = page_html(combined, report.subject).encode()
     if plot is not None:
-        contents[plot] = plot_fleet(combined, "svg" if plot.suffix.lower() == ".svg" else "png")
+        contents[plot] = plot_fleet(combined, PLOTS[plot.suffix.lower()])
     if settings.junit is not None:
         contents[settings.junit] = report.junit().encode()
     if settings.output is not None:

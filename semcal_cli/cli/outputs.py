@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 import numpy as np
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 EXIT_NOT_TRUSTED = 3
 OWN_RESULTS = {"semcal_calibration", "semcal_transform"}
 """Version keys of the files that a new result may replace."""
+PLOTS: dict[str, Literal["png", "svg"]] = {".png": "png", ".svg": "svg"}
+"""Formats of plots by their suffixes."""
 MAX_IMAGES = 20
 """Largest number of frames with an overlay, evenly spaced."""
 
@@ -333,6 +335,16 @@ def check_page(path: Path | None) -> None:
         return
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: found suffix {path.suffix!r}, expected .html")
+
+
+def check_plot(path: Path | None) -> None:
+    """Check the suffix of a plot, if there is one.
+
+    Raises:
+        InputError: it is none of `PLOTS`.
+    """
+    if path is not None and path.suffix.lower() not in PLOTS:
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected {' or '.join(PLOTS)}")
 
 
 @contextmanager
