@@ -179,6 +179,19 @@ def test_a_pose_on_a_base_follows_from_that_of_the_lidar(tmp_path: Path) -> None
         ("a: {t: [0, 0, 0], q: [0, 0, 0, 1], rotation: [0, 0, 0, 1]}", "a", "expected nine numbers, or roll"),
         ("a: &n [1, 0]\nT: *n", "T", "anchor"),
         ("a: {T: 1}", None, "add --key with the keys of the transform, such as a.b.T"),
+        ("T: [1,0,0,0, 0,1,0,0, 0,0,1,0, 1,2,3,1]", "T", "T: found the last row 1 2 3 1, needed 0 0 0 1"),
+        ("T: [1,0,0,x, 0,1,0,0, 0,0,1,0, 0]", "T", "T: found a list of 13, needed 3 x 4"),
+        ("T: {rows: 4, cols: 3, data: [1,0,0, 0,1,0, 0,0,1, 0,0,0]}", "T", "T: found 3 columns, needed 4"),
+        (
+            "a: {x: 0, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0, qx: 0, qy: 0, qz: 0, qw: 1}",
+            "a",
+            "a: found angles and a quaternion; remove one, which would not be set",
+        ),
+        (
+            "a: {t: [0, 0, 0], R: [1,0,0, 0,1,0, 0,0,1], matrix: [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]}",
+            "a",
+            "a: found 'matrix' beside the transform; remove it, since it would not be set",
+        ),
     ],
 )
 def test_a_place_without_a_transform_is_refused(

@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -234,6 +235,7 @@ def _numbers(where: str, node: Any, T: Pose) -> list[_Number]:
     if isinstance(node, yaml.MappingNode):
         entries = {name.value: value for name, value in node.value}
         if MATRIX in entries:
+            _check_columns(where, entries, 4)
             return _numbers(where, entries[MATRIX], T)
         # Beside w, x y z are those of a quaternion, and the translation is elsewhere.
         is_quaternion = entries.keys() >= {*XYZ, "w"}
@@ -246,18 +248,31 @@ def _numbers(where: str, node: Any, T: Pose) -> list[_Number]:
         if is_quaternion:
             rotations.append((where, node))
         if len(translations) == len(rotations) == 1:
+            if other := next((name for name in entries if len(_scalars(entries[name])) in (12, 16)), None):
+                raise InputError(
+                    f"{where}: found {other!r} beside the transform; remove it, since it would not be set"
+                )
             return [*_translation(*translations[0], T), *_rotation(*rotations[0], T)]
         raise InputError(f"{where}: found {listed(entries)}, {NEEDED}")
-    scalars = list(_scalars(node))
+    scalars = _scalars(node)
     if len(scalars) in (12, 16) and _is_matrix(node, 4):
+        if any(float(number.value) for number in scalars[12:15]):
+            last = " ".join(number.value for number in scalars[12:])
+            raise InputError(f"{where}: found the last row {last}, needed 0 0 0 1")
         return list(map(_Number, scalars, T.ravel().tolist()))
     raise InputError(f"{where}: found {describe(_value(node))}, {NEEDED}")
+
+
+def _check_columns(where: str, entries: Mapping[str, Any], columns: int) -> None:
+    """Check the number of columns that a matrix states."""
+    if "cols" in entries and _value(entries["cols"]) != columns:
+        raise InputError(f"{where}: found {entries['cols'].value} columns, needed {columns}")
 
 
 def _translation(where: str, node: Any, T: Pose) -> list[_Number]:
     if isinstance(node, yaml.MappingNode):
         return _named(where, {name.value: value for name, value in node.value}, T, XYZ)
-    scalars = list(_scalars(node))
+    scalars = _scalars(node)
     if len(scalars) != 3:
         raise InputError(f"{where}: found {describe(_value(node))}, expected three numbers")
     return list(map(_Number, scalars, T[:3, 3].tolist()))
@@ -268,14 +283,17 @@ def _rotation(where: str, node: Any, T: Pose) -> list[_Number]:
     if isinstance(node, yaml.MappingNode):
         entries = {name.value: value for name, value in node.value}
         if MATRIX in entries:
+            _check_columns(where, entries, 3)
             return _rotation(where, entries[MATRIX], T)
-        for names in (RPY, XYZW):
-            if all(name in entries for name in names):
-                return _named(where, entries, T, names)
+        stated = [names for names in (RPY, XYZW) if all(name in entries for name in names)]
+        if len(stated) > 1:
+            raise InputError(f"{where}: found angles and a quaternion; remove one, which would not be set")
+        if stated:
+            return _named(where, entries, T, stated[0])
         if "w" in entries:
             return _named(where, {f"q{name}": value for name, value in entries.items()}, T, XYZW)
         raise InputError(f"{where}: found {listed(entries)}, expected {' '.join(RPY)}, or {' '.join(XYZW)}")
-    scalars = list(_scalars(node))
+    scalars = _scalars(node)
     if len(scalars) == 9:
         return list(map(_Number, scalars, T[:3, :3].ravel().tolist()))
     if len(scalars) == 3 and where.endswith("rpy"):
@@ -289,27 +307,25 @@ def _named(where: str, entries: Mapping[str, Any], T: Pose, names: tuple[str, ..
     if missing := [name for name in names if name not in entries]:
         raise InputError(f"{where}: found {listed(entries)}, expected {missing[0]!r}, too")
     for name in names:
-        if list(_scalars(entries[name])) != [entries[name]]:
+        if _scalars(entries[name]) != [entries[name]]:
             raise InputError(f"{where}: {name}: found {describe(_value(entries[name]))}, expected a number")
         if name in RPY and abs(float(entries[name].value)) > 2.0 * np.pi:
             raise InputError(f"{where}: {name}: found {entries[name].value}, expected radians")
     return [_Number(entries[name], values[name], name in RPY) for name in names]
 
 
-def _scalars(node: Any) -> Iterator[Any]:
-    """Go through the numbers of a value in their order."""
+def _scalars(node: Any) -> list[Any]:
+    """List the numbers of a value in their order; nothing if it holds anything else."""
     if isinstance(node, yaml.ScalarNode):
-        if isinstance(_value(node), int | float):
-            yield node
-    elif isinstance(node, yaml.SequenceNode):
-        for item in node.value:
-            yield from _scalars(item)
+        return [node] if isinstance(_value(node), int | float) else []
+    items = [_scalars(item) for item in node.value] if isinstance(node, yaml.SequenceNode) else []
+    return [*chain(*items)] if all(items) else []
 
 
 def _is_matrix(node: Any, columns: int) -> bool:
     rows = node.value
     return all(isinstance(row, yaml.ScalarNode) for row in rows) or all(
-        isinstance(row, yaml.SequenceNode) and len(list(_scalars(row))) == columns for row in rows
+        isinstance(row, yaml.SequenceNode) and len(_scalars(row)) == columns for row in rows
     )
 
 
