@@ -208,7 +208,7 @@ def test_the_command_replaces_a_file_only_by_force(tmp_path: Path) -> None:
     target.write_text(ROBOT)
     arguments = ["convert", T, "--into", target, "-o", target, "--key", "camera_joint"]
     refused = invoke(*arguments)
-    assert str(refused.exception) == f"{target}: found a file; choose another -o, or --force to replace it"
+    assert str(refused.exception) == f"{target}: found a file; choose another -o, or --force"
     assert target.read_text() == ROBOT
     assert invoke(*arguments, "--force").exit_code == 0
     np.testing.assert_allclose(read_transform(target), T_ANY, atol=1e-7)
@@ -361,3 +361,13 @@ def test_a_note_says_that_angles_are_written_in_radians(tmp_path: Path) -> None:
     ]
     assert invoke(*convert, "A").stderr == f"{target}: A: angles are written in radians\n"
     assert invoke(*convert, "Q").stderr == ""
+
+
+def test_a_direction_that_a_format_states_itself_is_refused(tmp_path: Path) -> None:
+    write_transform(np.eye(4), tmp_path / "T.yaml", "semcal")
+    target = tmp_path / "calib.txt"
+    write_transform(np.eye(4), target, "opencalib")
+    with pytest.raises(
+        InputError, match="--to-direction: found 'camera-to-lidar', but opencalib files state it"
+    ):
+        set_in_file(tmp_path / "T.yaml", target, write_options=FormatOptions(direction="camera-to-lidar"))

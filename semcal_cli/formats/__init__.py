@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.config.directions import Direction
 from semcal_cli.drive.document import drive_file
-from semcal_cli.errors import InputError, describe, listed
+from semcal_cli.errors import InputError, OccupiedError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS
 from semcal_cli.files.input_files import is_same_file
 from semcal_cli.files.output_files import write_bytes
@@ -253,13 +253,15 @@ def set_in_file(
     """
     path = None if output is None else Path(output)
     if path is not None and path.is_file() and not replaces:
-        raise InputError(f"{path}: found a file; choose another -o, or --force to replace it")
+        raise OccupiedError(f"{path}: found a file")
     extrinsic = read_extrinsic(source, from_format, read_options)
     if path is not None and is_same_file(path, drive_file(Path(source))):
         raise InputError(f"{path}: found the input file; choose another name")
     into = Source.read(Path(target))
-    options = write_options or FormatOptions()
+    options = replace(write_options or FormatOptions(), is_written=True)
     format = insertion.format_of(into, key, FORMATS)
+    if format is not None:
+        _check_options(format, options)
     content = insertion.set_transform(extrinsic.T_camera_lidar, into, format, key, options)
     if path is not None:
         write_bytes(content, path)

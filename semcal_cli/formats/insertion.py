@@ -92,7 +92,6 @@ def set_transform(
     Raises:
         InputError: the file has no place for a transform, or leaves something open.
     """
-    options = replace(options, is_written=True)
     if format is not None and format.edit is not None:
         content = edited(source, format.edit(source, T_camera_lidar, key, options))
     elif format is not None and format.set_camera is not None:
