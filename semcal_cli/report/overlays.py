@@ -165,7 +165,7 @@ class Overlays:
         return write_ply(self.drive, self.observations, list(self.poses.values())[-1], folder)
 
     def write_video(self, path: Path) -> None:
-        """Write all frames as a video, which is made beside the path and then renamed.
+        """Write all frames as a video.
 
         Raises:
             InputError: the suffix is not .mp4, a frame cannot be drawn, or the file cannot be written.
