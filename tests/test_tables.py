@@ -36,6 +36,16 @@ def test_long_texts_are_wrapped_by_words_under_their_label(label: str) -> None:
     assert " ".join(line[17:] for line in (first, *rest)) == LONG.strip()
 
 
+@pytest.mark.parametrize("width", range(40, 60))
+def test_no_line_ends_within_a_figure(width: int) -> None:
+    text = (
+        "these frames confirm fx to +-0.67 %, fy to +-1.8 %, and the yaw by 0.60 +- 0.013 degrees (+- 0.02)"
+    )
+    lines = wrapped("note", text, COLUMNS - width)
+    for whole in ("0.67 %", "1.8 %", "0.60 +- 0.013", "(+- 0.02)"):
+        assert any(whole in line or for_people(whole) in line for line in lines), lines
+
+
 def test_paths_are_never_broken() -> None:
     assert wrapped("note", f"{PATH} is missing") == [f"{'note':<17}{PATH}", f"{'':<17}is missing"]
 

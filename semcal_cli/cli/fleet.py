@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
 
 MAX_LINES = 20
 """Largest number of drives or checks of one kind that the terminal names; the files list all."""
-NO_BREAK = "\u00a0"
-"""Space at which no line is wrapped."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,7 +213,7 @@ def _apart(drive: ComparedDrive) -> str:
 
 def _check_lines(checks: Sequence[AxisVerdict]) -> Iterator[str]:
     """List the totals and the checks that do not pass, by subject."""
-    from semcal_cli.cli.tables import COLUMNS
+    from semcal_cli.cli.tables import COLUMNS, wrapped_lines
     from semcal_cli.fleet.fleet_verdict import check_words
     from semcal_cli.pipeline.verdict import OVERALL
 
@@ -225,7 +222,7 @@ def _check_lines(checks: Sequence[AxisVerdict]) -> Iterator[str]:
     for check in shown[:MAX_LINES]:
         words = check_words(check)
         if words.subject != last:
-            yield from _wrapped(words.subject, COLUMNS)
+            yield from wrapped_lines(words.subject, COLUMNS)
         last, unit = words.subject, words.unit[:3]
         line = f"  {words.quantity:<26}{words.offset:>9} +- {words.half_width:<8} {unit:<3}"
         yield f"{line} allowed {words.allowed:<7}{check.verdict}"
@@ -235,17 +232,10 @@ def _check_lines(checks: Sequence[AxisVerdict]) -> Iterator[str]:
 
 def _rows(label: str, lines: Iterable[str]) -> Iterator[str]:
     """Label the first of some lines, and wrap each to the width of a terminal; names stay whole."""
-    from semcal_cli.cli.tables import COLUMNS, LABEL_WIDTH, labelled
+    from semcal_cli.cli.tables import COLUMNS, LABEL_WIDTH, labelled, wrapped_lines
 
     for line in lines:
         is_text = len(line) > COLUMNS - LABEL_WIDTH
-        for piece in _wrapped(line, COLUMNS - LABEL_WIDTH) if is_text else [line]:
+        for piece in wrapped_lines(line, COLUMNS - LABEL_WIDTH) if is_text else [line]:
             yield labelled(label, piece)
             label = ""
-
-
-def _wrapped(line: str, columns: int) -> list[str]:
-    """Wrap a line between words; names, and intervals with their signs, stay whole."""
-    whole = line.replace("+- ", f"+-{NO_BREAK}")
-    pieces = wrap(whole, columns, break_long_words=False, break_on_hyphens=False)
-    return [piece.replace(NO_BREAK, " ") for piece in pieces]

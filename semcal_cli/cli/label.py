@@ -273,10 +273,9 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
         f"wrote {done.path}: {counted(done.num_frames, 'frame')} in {perf_counter() - start:.1f} s{reused}",
         *(f"failed: {failure}" for failure in failures),
     )
-    if not failures:
-        terminal.print(f"next: {shell('calibrate', settings.output, '-o', 'calibration.yaml')}")
     if failures:
         raise InputError(f"{len(failures)} of {len(indices)} frames failed; {next(iter(failures))}")
+    terminal.print(f"next: {shell('calibrate', settings.output, '-o', 'calibration.yaml')}")
 
 
 def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> list[LabelSide]:

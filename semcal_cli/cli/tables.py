@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 COLUMNS = 80
 LABEL_WIDTH = 17
+NO_BREAK = "\u00a0"
+"""Space at which no line is wrapped."""
+UNBROKEN = re.compile(r"\d %| (±|\+-) (?=\d)|\+- (?=\d)")
 MAX_GROUPS = 8
 """Largest number of groups of drives that are listed."""
 WITHOUT_CHECKS = {
@@ -145,10 +149,16 @@ def shown_reasons(reasons: Sequence[str], topics: Sequence[str], *, verbose: boo
     return [*reasons[:leading], f"{len(reasons) - leading} more may follow from this (--verbose lists them)"]
 
 
+def wrapped_lines(text: str, columns: int) -> list[str]:
+    """Wrap a text between words; names, intervals with their signs, and figures with their per cent stay whole."""
+    whole = UNBROKEN.sub(lambda found: found[0].replace(" ", NO_BREAK), text)
+    lines = textwrap.wrap(whole, columns, break_long_words=False, break_on_hyphens=False)
+    return [line.replace(NO_BREAK, " ") for line in lines]
+
+
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
-    """Put a label before a text and wrap it at `COLUMNS`; words are never broken, and later lines are indented."""
-    lines = textwrap.wrap(for_people(text), COLUMNS - indent, break_long_words=False, break_on_hyphens=False)
-    first, *rest = lines or [""]
+    """Put a label before a text and wrap it at `COLUMNS`; later lines are indented."""
+    first, *rest = wrapped_lines(for_people(text), COLUMNS - indent) or [""]
     return [f"{label:<{indent}}{first}".rstrip(), *(f"{'':<{indent}}{line}" for line in rest)]
 
 

@@ -45,7 +45,9 @@ def _agree(a: FleetDrive, b: FleetDrive, limits: Limits) -> bool:
     assert b.T_camera_lidar is not None
     assert a.covariance is not None
     assert b.covariance is not None
+    if a.camera != b.camera:
+        return False
     error = compare_poses(a.T_camera_lidar, b.T_camera_lidar)
     half_widths = normal_half_widths(a.covariance + b.covariance).tolist()
     checks = judge(error.camera_center_xyz_m, error.rotation_xyz_deg, half_widths, limits)
-    return a.camera == b.camera and all(check.verdict != "fail" for check in checks)
+    return all(check.verdict != "fail" for check in checks)
