@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
@@ -117,12 +118,8 @@ def check_answers(path: Path) -> None:
     """Check a hub that gives the answers of a document in turn, and the last one from then on."""
     folder, cache_folder = path.parent, path.parent / CACHE
     before = set(folder.iterdir())
-    from huggingface_hub import constants
-
-    constants.HF_HUB_CACHE = str(cache_folder)
-    _hub().answers = _answers(path.read_bytes())
     try:
-        with naming(path):
+        with naming(path), _answering(_answers(path.read_bytes()), cache_folder):
             model = find_model(NETWORK, max_mb=1.0)
         assert model.is_file()
         assert cache_folder in model.resolve().parents
@@ -149,29 +146,33 @@ def _answer(answer: dict[str, Any]) -> tuple[int, dict[str, str], bytes]:
     return min(max(int(answer.get("status", 200)), 200), 599), headers, text.encode("latin-1", "replace")
 
 
-class _Hub:
-    """A hub in this process, behind the library's own client."""
+@contextmanager
+def _answering(answers: list[tuple[int, dict[str, str], bytes]], cache_folder: Path) -> Iterator[None]:
+    """Put a hub with these answers in the place of the network, and a folder in that of the user's cache."""
+    from huggingface_hub import constants, utils
 
-    def __init__(self) -> None:
-        self.answers: list[tuple[int, dict[str, str], bytes]] = []
+    module, remaining = _http(), iter(answers)
 
-    def answer(self, module: Any, request: Any) -> Any:
-        """Take the next answer."""
-        status, headers, body = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+    def answer(request: Any) -> Any:
+        status, headers, body = next(remaining, answers[-1])
         stream = module.ByteStream(b"" if request.method == "HEAD" else body)
         stated = {"Content-Length": str(len(body))} | headers
         return module.Response(status, headers=stated, stream=stream, request=request)
 
+    with (
+        module.Client(transport=module.MockTransport(answer)) as client,
+        patch.object(utils, "get_session", lambda: client),
+        patch.object(constants, "HF_HUB_CACHE", str(cache_folder)),
+    ):
+        yield
+
 
 @cache
-def _hub() -> _Hub:
-    """Put a hub in the place of the network."""
+def _http() -> Any:
+    """Return the library of HTTP that the hub's library uses in this version."""
     import sys
 
     from huggingface_hub import utils
 
-    hub, library = _Hub(), utils
-    module: Any = sys.modules[type(library.get_session()).__module__.partition(".")[0]]
-    transport = module.MockTransport(lambda request: hub.answer(module, request))
-    library.set_client_factory(lambda: module.Client(transport=transport))
-    return hub
+    library: Any = utils
+    return sys.modules[type(library.get_session()).__module__.partition(".")[0]]
