@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from datetime import datetime, timezone
 from importlib import import_module
@@ -131,8 +132,14 @@ class VideoWriter:
         return self.writer.packet(data, self._codec, stamp_ns)
 
 
-def encoded(images: list[np.ndarray], codec: str, key_every: int) -> Iterator[bytes]:
+def encoded(images: list[np.ndarray], codec: str, key_every: int) -> list[bytes]:
     """Encode images (H, W, 3) blue, green, red, of which every so many is a key frame; a packet each."""
+    # SVT-AV1 gives the thread that calls it, if root's, real-time priority for good: beside it, nothing else would run.
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(lambda: list(_packets(images, codec, key_every))).result()
+
+
+def _packets(images: list[np.ndarray], codec: str, key_every: int) -> Iterator[bytes]:
     context = av.CodecContext.create(ENCODERS[codec], "w")
     assert isinstance(context, av.VideoCodecContext)
     context.height, context.width = images[0].shape[:2]
