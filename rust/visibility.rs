@@ -68,10 +68,10 @@ impl Sweep {
         let is_same =
             |seen: &CachedView| seen.pose == *pose && seen.camera == *camera && seen.origin == *origin;
         if let Some(seen) = last.filter(is_same) {
-            let indices = seen.indices.iter().map(|&index| index as usize);
-            return (project_points(camera, self, indices, pose), seen.hidden);
+            let points = seen.indices.iter().map(|&index| (index as usize, &self.points[index as usize]));
+            return (project_points(camera, points, pose), seen.hidden);
         }
-        let projected = project_points(camera, self, 0..self.len(), pose);
+        let projected = project_sweep(camera, self, pose);
         let hidden = Arc::new(hidden(camera, self, origin, &projected));
         let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());
         let hidden_then = Arc::clone(&hidden);
@@ -93,24 +93,40 @@ const MAX_OCCLUDER_RANGE: f64 = 0.8;
 /// Chords of the unit sphere that differ by less are equal.
 const ROUND_OFF: f64 = 1e-9;
 
-/// Projects points (metres, LiDAR frame), given by their indices, and keeps those inside the image, in their order.
-pub fn project_points(
+/// Projects points (metres, LiDAR frame), given with their indices, and keeps those inside the image, in their order.
+pub fn project_points<'a>(
     camera: &Camera,
-    points: &[[f32; 3]],
-    indices: impl IntoIterator<Item = usize>,
+    points: impl IntoIterator<Item = (usize, &'a [f32; 3])>,
     t_camera_lidar: &Isometry3<f64>,
 ) -> Vec<Projected> {
+    let to_camera = to_camera(t_camera_lidar);
+    project(camera, points.into_iter().map(|(index, point)| (index, to_camera(point))))
+}
+
+/// Projects all points of a sweep, as [`project_points`] does. Most are far outside the image, where no lens is needed
+/// to tell.
+fn project_sweep(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<Projected> {
+    let (to_camera, min_cosine) = (to_camera(t_camera_lidar), camera.view_cosine());
+    let in_camera = points.iter().map(to_camera).enumerate();
+    project(camera, in_camera.filter(|(_, p_camera)| p_camera.z >= min_cosine * p_camera.norm()))
+}
+
+fn to_camera(t_camera_lidar: &Isometry3<f64>) -> impl Fn(&[f32; 3]) -> Vector3<f64> + use<> {
     let (rotation, translation) =
         (*t_camera_lidar.rotation.to_rotation_matrix().matrix(), t_camera_lidar.translation.vector);
-    let project = |index: usize| {
-        let p_camera = rotation * to_f64(&points[index]) + translation;
+    move |point| rotation * to_f64(point) + translation
+}
+
+/// Projects points (metres, camera frame), given with their indices, and keeps those inside the image, in their order.
+fn project(camera: &Camera, points: impl Iterator<Item = (usize, Vector3<f64>)>) -> Vec<Projected> {
+    let project = |(index, p_camera): (usize, Vector3<f64>)| {
         camera.project(&p_camera).map(|pixel| Projected { index, pixel, p_camera })
     };
-    let mut indices = indices.into_iter();
+    let mut points = points;
     let (mut run, mut projected) = (Vec::with_capacity(RUN), Vec::new());
     loop {
         run.clear();
-        run.extend(indices.by_ref().take(RUN).map(project));
+        run.extend(points.by_ref().take(RUN).map(project));
         if run.is_empty() {
             return projected;
         }
@@ -244,7 +260,7 @@ mod tests {
     #[test]
     fn the_wall_behind_the_post_is_hidden_and_nothing_else() {
         let (camera, points, t_camera_lidar) = scene(0.5);
-        let projected = project_points(&camera, &points, 0..points.len(), &t_camera_lidar);
+        let projected = project_points(&camera, points.iter().enumerate(), &t_camera_lidar);
         let mut num_hidden = 0;
         for (point, hidden) in projected.iter().zip(hidden(&camera, &points, &Vector3::zeros(), &projected)) {
             let (pixel, range) = (point.pixel, point.p_camera.norm());

@@ -1,7 +1,7 @@
 //! One level of the label pyramid: the joint histogram of points at a pose, and its mutual information.
 
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
@@ -34,6 +34,8 @@ pub struct Level {
     pub(super) factor: usize,
     /// Stride between the points used.
     pub(super) stride: usize,
+    /// The points used of each frame, once all of them are counted, whether visible or not.
+    pub(super) used: OnceLock<Vec<PointsWithClass>>,
     pub(super) objective: Objective,
 }
 
@@ -51,9 +53,22 @@ impl Level {
         let map = |frame: &Frame| frame.image.level(factor, observations.edge_band_px);
         let maps = frames.par_iter().map(map).collect();
         let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
-        let num_seen = || poses.par_iter().map(|pose| num_in_image(&observations, pose)).max().unwrap_or(0);
-        let stride = if num_points <= max_points { 1 } else { stride(num_seen(), max_points) };
-        Self { observations, maps, factor, stride, objective: Objective::Information }
+        let stride =
+            if num_points <= max_points { 1 } else { stride(num_in_image(&observations, poses), max_points) };
+        Self { observations, maps, factor, stride, used: OnceLock::new(), objective: Objective::Information }
+    }
+
+    /// The indices of the points of a frame that are used.
+    pub(super) fn used<'a>(&self, frame: &'a Frame) -> impl Iterator<Item = usize> + use<'a> {
+        with_class(frame, self.stride)
+    }
+
+    /// The points of a frame that are used, by its index.
+    pub(super) fn used_points(&self, index: usize) -> &PointsWithClass {
+        let frames = &self.observations.frames;
+        let of_frame = |frame: &Frame| PointsWithClass::of(frame, self.used(frame));
+        // In one thread: a task that rayon takes on meanwhile might wait here for its own thread.
+        &self.used.get_or_init(|| frames.iter().map(of_frame).collect())[index]
     }
 
     /// Returns the projection of the points at a pose.
@@ -176,14 +191,45 @@ impl Level {
     }
 }
 
-/// Number of points with a class inside the images of all frames at a pose, estimated from some of them.
-fn num_in_image(observations: &Observations, pose: &Isometry3<f64>) -> usize {
-    let of_frame = |frame: &Frame| {
+/// Number of points with a class inside the images of all frames, at the pose that sees the most of them, estimated from
+/// some of them.
+fn num_in_image(observations: &Observations, poses: &[Isometry3<f64>]) -> usize {
+    let some = |frame: &Frame| {
         let stride = stride(frame.points.len(), NUM_PROJECTED);
-        let chosen = thinned(frame.points.len(), stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
-        stride * project_points(&observations.camera, &frame.points, chosen, pose).len()
+        (stride, PointsWithClass::of(frame, with_class(frame, stride)))
     };
-    observations.frames.iter().map(of_frame).sum()
+    let frames: Vec<_> = observations.frames.par_iter().map(some).collect();
+    let num_seen = |pose| {
+        let of_frame = |(stride, points): &(usize, PointsWithClass)| {
+            stride * project_points(&observations.camera, points.iter(), pose).len()
+        };
+        frames.iter().map(of_frame).sum()
+    };
+    poses.par_iter().map(num_seen).max().unwrap_or(0)
+}
+
+/// One index of every `stride` points of a frame, without those that have no class.
+fn with_class(frame: &Frame, stride: usize) -> impl Iterator<Item = usize> + use<'_> {
+    thinned(frame.points.len(), stride).filter(|&i| frame.point_classes[i] != NO_CLASS)
+}
+
+/// Some points of a sweep, side by side in memory: single points of a large sweep take many times longer to read.
+#[derive(Clone, Debug)]
+pub(super) struct PointsWithClass {
+    indices: Vec<u32>,
+    positions: Vec<[f32; 3]>,
+}
+
+impl PointsWithClass {
+    fn of(frame: &Frame, indices: impl Iterator<Item = usize>) -> Self {
+        let (indices, positions) = indices.map(|i| (i as u32, frame.points[i])).unzip();
+        Self { indices, positions }
+    }
+
+    /// The points (metres, LiDAR frame) with their indices in the sweep.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, &[f32; 3])> {
+        self.indices.iter().map(|&index| index as usize).zip(&self.positions)
+    }
 }
 
 /// Contribution of each pair of a joint histogram: its pointwise mutual information, or its part of the adjusted

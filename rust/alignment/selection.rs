@@ -9,12 +9,11 @@ use super::level::Level;
 use super::projection::Projection;
 use super::sample::{Counted, Sample};
 use super::variables::Variables;
-use crate::classes::{NO_CLASS, Share};
+use crate::classes::Share;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
 use crate::point_cloud::to_f64;
 use crate::pyramid::ShareMap;
-use crate::thinning::thinned;
 use crate::visibility::{Projected, project_points};
 
 /// Points at least this many blocks inside one class are summed up once by Newton's method. A round that moves them
@@ -102,7 +101,7 @@ impl Level {
         let of_frame = |(index, frame): (usize, &Frame)| {
             let map = &self.maps[index];
             let (mut moving, mut constant) = (Vec::new(), self.joint_of_frames(index..index + 1));
-            for Projected { index: i, pixel, .. } in self.counted_points(frame, pose, counted) {
+            for Projected { index: i, pixel, .. } in self.counted_points(index, pose, counted) {
                 let sampled = map.at(&pixel);
                 let weight = sampled.total() as f32 * frame.weight;
                 if weight <= 0.0 {
@@ -138,16 +137,15 @@ impl Level {
     }
 
     /// The labelled points of a frame that are inside the image and count, thinned.
-    fn counted_points(&self, frame: &Frame, pose: &Isometry3<f64>, counted: Counted) -> Vec<Projected> {
-        let (camera, points) = (&self.observations.camera, &frame.points);
-        let chosen = || thinned(points.len(), self.stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
+    fn counted_points(&self, index: usize, pose: &Isometry3<f64>, counted: Counted) -> Vec<Projected> {
+        let (camera, frame) = (&self.observations.camera, &self.observations.frames[index]);
         if counted == Counted::All {
-            return project_points(camera, points, chosen(), pose);
+            return project_points(camera, self.used_points(index).iter(), pose);
         }
         // Points that do not count still occlude others.
-        let mut counts = vec![false; points.len()];
-        chosen().for_each(|i| counts[i] = true);
-        let (projected, hidden) = points.in_image(camera, pose, &self.observations.origin);
+        let mut counts = vec![false; frame.points.len()];
+        self.used(frame).for_each(|i| counts[i] = true);
+        let (projected, hidden) = frame.points.in_image(camera, pose, &self.observations.origin);
         let pairs = projected.into_iter().zip(hidden.iter());
         let seen = pairs.filter(|(point, hidden)| !**hidden && counts[point.index]);
         seen.map(|(point, _)| point).collect()

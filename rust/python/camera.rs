@@ -79,7 +79,7 @@ pub(super) fn project_points(
     let (mut pixels, mut ranges, mut is_hidden) =
         (vec![[f64::NAN; 2]; points.len()], vec![f64::NAN; points.len()], vec![false; points.len()]);
     detached(|| {
-        let projected = visibility::project_points(&camera.0, &points, 0..points.len(), &t_camera_lidar.0);
+        let projected = visibility::project_points(&camera.0, points.iter().enumerate(), &t_camera_lidar.0);
         let is_occluded = visibility::hidden(&camera.0, &points, &origin_m.into(), &projected);
         for (point, hidden) in projected.iter().zip(is_occluded) {
             pixels[point.index] = point.pixel.into();

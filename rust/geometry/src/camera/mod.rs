@@ -16,6 +16,7 @@ mod spheres;
 #[cfg(test)]
 mod tests;
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2, Vector3};
@@ -28,6 +29,11 @@ use model::Model;
 /// Number of points that loops project before they use the first of them: divisions of many points overlap as long
 /// as no branch has to be predicted between them.
 pub const RUN: usize = 128;
+
+/// Number of parts of each side of the image, at whose ends rays are compared to find how wide the view is.
+const VIEW_RAYS: usize = 16;
+/// Angle, radians, by which a ray on the border may leave the optical axis farther than those compared.
+const VIEW_MARGIN: f64 = 0.05;
 
 /// A camera: image size, `K` and lens.
 #[derive(Clone, Debug, PartialEq)]
@@ -142,6 +148,21 @@ impl Camera {
     /// The largest incidence angle, radians, at which the model is valid.
     pub fn limit(&self) -> f64 {
         self.lens.limit()
+    }
+
+    /// Cosine of an incidence angle beyond which nothing is inside the image: -1 if that is unknown, as where the lens
+    /// does not reach the border of the image.
+    pub fn view_cosine(&self) -> f64 {
+        let (right, bottom) = (self.width as f64 - 0.5, self.height as f64 - 0.5);
+        let along = |fraction: f64, end: f64| fraction * (end + 0.5) - 0.5;
+        let on_border = (0..=VIEW_RAYS).map(|ray| ray as f64 / VIEW_RAYS as f64).flat_map(|fraction| {
+            let (u, v) = (along(fraction, right), along(fraction, bottom));
+            [[u, -0.5], [u, bottom], [-0.5, v], [right, v]]
+        });
+        let mut angles = on_border
+            .map(|[u, v]| self.unproject(&Point2::new(u, v)).map(|ray| ray.z.clamp(-1.0, 1.0).acos()));
+        let widest = angles.try_fold(0.0, |widest: f64, angle| angle.map(|angle| widest.max(angle)));
+        widest.map_or(-1.0, |widest| (widest + VIEW_MARGIN).min(PI).cos())
     }
 
     /// Columns per radian on the optical axis. For lenses with a mirror or a sphere this differs from the focal

@@ -75,6 +75,26 @@ fn jacobians_are_those_of_finite_differences() {
 }
 
 #[test]
+fn nothing_beyond_the_view_is_in_the_image() {
+    const STEPS: i32 = 200;
+    for camera in cameras() {
+        let (min_cosine, mut least) = (camera.view_cosine(), 1.0f64);
+        for (i, j) in (0..=STEPS).flat_map(|i| (0..STEPS).map(move |j| (i, j))) {
+            let ray = at(PI * f64::from(i) / f64::from(STEPS), TAU * f64::from(j) / f64::from(STEPS));
+            if camera.project(&ray).is_some_and(|pixel| camera.contains(&pixel)) {
+                least = least.min(ray.z);
+            }
+        }
+        assert!(min_cosine <= least, "{camera:?}: {min_cosine}, {least}");
+        // It is no wider than it has to be, except where the image's corners see nothing.
+        assert!(
+            min_cosine == -1.0 || least.acos() + 0.1 > min_cosine.acos(),
+            "{camera:?}: {min_cosine}, {least}"
+        );
+    }
+}
+
+#[test]
 fn limits_are_those_of_the_closed_forms() {
     let limit = |camera: Camera| camera.limit();
     // r (1 - 0.3 r^2) grows up to r = 1 / sqrt(0.9); the limit is searched in steps of 0.005.
