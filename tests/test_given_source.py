@@ -84,7 +84,8 @@ def test_several_topics_are_listed_with_the_command_for_each(tmp_path: Path, cli
         assert code == 1
         assert err == (
             f"semcal: error: {path}: found 1 topic of sweeps and 2 topics of images, choose one: "
-            f"`{typed} --image /left/image_raw`, `{typed} --image /right/image_raw`\n"
+            f"`{typed} --image /left/image_raw`, `{typed} --image /right/image_raw`"
+            f"{f', `{typed} --all-cameras`' if command[0] == 'import' else ''}\n"
         )
     assert not [*tmp_path.glob("*drive*")]
 

@@ -94,7 +94,7 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
         command = source.command(drive, *options, "--force")
         raise InputError(f"{error.problem}, expected -o in another folder, or first `{command}`") from None
     except ChoiceError as error:
-        if all(words[0] in (*OF_RECORDINGS, *OF_DATASETS) for words in error.choices):
+        if any(words[0] in (*OF_RECORDINGS, *OF_DATASETS) for words in error.choices):
             raise
         commands = [f"`{source.command(drive, *options, *words)}`" for words in error.choices]
         raise InputError(f"{error.problem}, choose one: {', '.join(commands)}") from None

@@ -25,10 +25,12 @@ from semcal_cli.config.point_files import (
     PointType,
 )
 from semcal_cli.config.synchronization import Synchronization
-from semcal_cli.errors import ChoiceError, InputError, check_installed, counted, printable
+from semcal_cli.errors import ChoiceError, InputError, check_installed, counted, printable, shell
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
 
 if TYPE_CHECKING:
+    from semcal_cli.importing.bags.bag_import import ImportedDrive
+    from semcal_cli.importing.bags.topics import BagRequest
     from semcal_cli.importing.drive_folder import WrittenDrive
     from semcal_cli.importing.recording import Recording
 
@@ -299,6 +301,7 @@ class BagSettings(QuietSettings):
         given("--intrinsics").excludes("--camera-info"),
         given("--motion-frame").excludes("--motion none"),
         given("--accumulate").excludes("--list"),
+        given("--all-cameras").excludes("--list", "--image", "--camera-info", "--intrinsics", "--accumulate"),
     ]
     paths: tuple[Path, ...] = argument(metavar="PATH...")
     output: Path | None = option(
@@ -307,6 +310,10 @@ class BagSettings(QuietSettings):
     is_list: bool = option("List the topics, and show which would be used.", "--list", default=False)
     points: str | None = option("Topic of the sweeps; needed if there are several.", metavar="TOPIC")
     image: str | None = option("Topic of the images; needed if there are several.", metavar="TOPIC")
+    all_cameras: bool = option(
+        "Make a drive of each camera in one folder, all of the same sweeps, and a rig.yaml of them.",
+        default=False,
+    )
     camera_info: str | None = option(
         "Topic of the intrinsics; if not given, the one next to the image topic.", metavar="TOPIC"
     )
@@ -387,7 +394,57 @@ def bag(settings: BagSettings) -> None:
         _check_libraries()
         _list(settings.paths)
         return
+    if settings.all_cameras:
+        _import_all_cameras(settings)
+        return
     import_recording(settings)
+
+
+def _import_all_cameras(settings: BagSettings) -> None:
+    from semcal_cli.drive.document import RIG_FILE
+    from semcal_cli.importing.bags.all_cameras import import_cameras
+
+    request, output = _request(settings), settings.output
+    assert output is not None  # by a rule
+    with settings.terminal() as terminal:
+        done = import_cameras(request, output, terminal.on_event, force=settings.force)
+    if settings.quiet:
+        return
+    for drive in done.values():
+        _tell_import(drive, is_last=False)
+    click.echo(f"wrote {output / RIG_FILE}: {counted(len(done), 'camera')}, {', '.join(done)}", err=True)
+    click.echo(f"next: {shell('calibrate', output / RIG_FILE, '-o', output / 'results')}", err=True)
+
+
+def _tell_import(done: ImportedDrive, *, is_last: bool) -> None:
+    """Print what was made of a recording, and what was left out."""
+    rows = done.left_out.most_common()
+    left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
+    if others := sum(count for _, count in rows[MAX_REASONS:]):
+        left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
+    _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out), is_last=is_last)
+
+
+def _request(settings: BagSettings) -> BagRequest:
+    """Make the request for a recording.
+
+    Raises:
+        InputError: a library is missing.
+    """
+    _check_libraries()
+    if settings.odometry:
+        check_installed("--odometry", "kiss_icp", "odometry")
+    from semcal_cli.drive.lidar import Spin
+    from semcal_cli.importing.bags.topics import BagRequest
+
+    spin = None if settings.spin is None else Spin(**settings.spin)
+    return made_of(
+        BagRequest,
+        settings,
+        by_receipt=settings.stamps == "receive",
+        spin=spin,
+        around_s=settings.accumulate,
+    )
 
 
 def _check_libraries() -> None:
@@ -401,23 +458,11 @@ def import_recording(settings: BagSettings, *, is_last: bool = True) -> WrittenD
     Raises:
         InputError: the recording or an option is wrong, or a library is missing.
     """
-    _check_libraries()
-    if settings.odometry:
-        check_installed("--odometry", "kiss_icp", "odometry")
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.lidar import Spin
     from semcal_cli.importing.accumulated_drive import check_accumulated
     from semcal_cli.importing.bags.bag_import import import_bag
-    from semcal_cli.importing.bags.topics import BagRequest
 
-    spin = None if settings.spin is None else Spin(**settings.spin)
-    request = made_of(
-        BagRequest,
-        settings,
-        by_receipt=settings.stamps == "receive",
-        spin=spin,
-        around_s=settings.accumulate,
-    )
+    request = _request(settings)
     assert settings.output is not None  # by a rule
     output = settings.output
     if settings.accumulate is not None:
@@ -426,12 +471,7 @@ def import_recording(settings: BagSettings, *, is_last: bool = True) -> WrittenD
     with settings.terminal() as terminal:
         done = import_bag(request, output, terminal.on_event, force=settings.force)
     if not settings.quiet:
-        rows = done.left_out.most_common()
-        left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
-        if others := sum(count for _, count in rows[MAX_REASONS:]):
-            left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
-        is_last = is_last and settings.accumulate is None
-        _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out), is_last=is_last)
+        _tell_import(done, is_last=is_last and settings.accumulate is None)
     if settings.accumulate is not None:
         drive = read_drive(done.written.path)
         accumulate_into(settings.output, drive, settings, seconds=settings.accumulate, force=settings.force)

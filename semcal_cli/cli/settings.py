@@ -384,10 +384,11 @@ class SettingsCommand(ExampleCommand, Generic[Settings]):
     def _with_commands(self, ctx: click.Context, error: ChoiceError) -> str:
         """Write what was typed once with each choice, if the command has their options."""
         known = {name for parameter in self.params for name in parameter.opts}
-        if not error.choices or not all(known.issuperset(words[::2]) for words in error.choices):
+        choices = [words for words in error.choices if known.issuperset(words[::2])]
+        if not choices:
             return str(error)
         typed = [*ctx.command_path.split(), *typed_words(ctx)]
-        commands = [f"`{shlex.join([*typed, *words])}`" for words in error.choices]
+        commands = [f"`{shlex.join([*typed, *words])}`" for words in choices]
         return f"{error.problem}, choose one: {', '.join(first_of(commands, MAX_COMMANDS))}"
 
     def _advice(self, ctx: click.Context) -> str | None:

@@ -371,7 +371,7 @@ TARGETS: dict[str, Target] = {
     **{f"import-{name}": import_target(*asked) for name, asked in IMPORTS.items()},
     **{
         f"recording-{name}": Target(
-            check_recording, lambda content, file=file: file, share=0.3, max_bytes=8192
+            check_recording, lambda content, file=file: file, share=0.3, max_bytes=16384
         )
         for name, file in {"mcap": "a.mcap", "ros1": "a.bag", "sqlite": "a.db3"}.items()
     },

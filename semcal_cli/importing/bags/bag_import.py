@@ -71,6 +71,8 @@ class ImportedDrive(NamedTuple):
     """Number of sweeps in the recording."""
     left_out: Counter[str]
     """Number of sweeps, images and pairs that were read and left out, by kind and reason."""
+    sweeps_ns: tuple[int, ...]
+    """Stamps of the sweeps that were chosen, nanoseconds."""
 
 
 def import_bag(
@@ -163,7 +165,7 @@ class _Import:
         except OSError as error:
             raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
         if not written_frames:
-            raise self._no_pair(next(iter(refusals)))
+            raise self._no_pair(next(iter(refusals), "none has a sweep that the first camera has"))
         self.left_out += refusals
         first_image = written_frames[0].source.image
         if first_image is not None and looks_like_mosaic(first_image):
@@ -207,7 +209,8 @@ class _Import:
             labels_by=None,
         )
         written = write_drive(recording, Options(), self.path, force=True)
-        return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out)
+        sweeps_ns = tuple(candidate.pair.sweep_ns for candidate in chosen)
+        return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out, sweeps_ns)
 
     def _read_sweeps(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield sweeps; poses are handled here."""

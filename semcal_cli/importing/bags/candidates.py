@@ -144,6 +144,11 @@ def choose(
     ]
     if left := len(candidates) - len(ascending):
         left_out["pairs: their stamps run backwards"] += left
+    if request.sweeps_ns is not None:
+        kept = [candidate for candidate in ascending if candidate.pair.sweep_ns in request.sweeps_ns]
+        if left := len(ascending) - len(kept):
+            left_out["pairs: of sweeps that the first camera does not have"] += left
+        return kept
     count = request.max_frames or (MAX_FRAMES if request.every_s is None else len(ascending))
     if len(ascending) <= count:
         return ascending

@@ -71,6 +71,8 @@ class BagRequest:
     """How the LiDAR turns, which gives the times of points that have none."""
     around_s: float | None = None
     """Also keep all sweeps within half of this time from each frame, without images, seconds."""
+    sweeps_ns: frozenset[int] | None = None
+    """Stamps of the sweeps to take, where another camera has chosen them; None chooses them."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,8 @@ REPLAY_OUSTER = {
 }
 """How packets of an Ouster are replayed as sweeps, in ROS 1 and in ROS 2; see the launch files of ouster_ros. Its
 replay in ROS 1 reads the sensor's metadata from a file unless the bag has a topic of them."""
+ALL_CAMERAS = "--all-cameras"
+"""Option that makes a rig of all topics of images."""
 USES = {
     "sweeps": CLOUDS,
     "images": IMAGES,
@@ -141,7 +145,7 @@ def choose_topics(bag: Bag, request: BagRequest) -> Topics:
         ChoiceError: there are several pairs of sweeps and images, or topics of intrinsics.
         InputError: a kind has no topic, or there is none of a given name.
     """
-    sweeps, images = (_candidates(bag, getattr(request, use), *of) for use, of in CHOSEN.items())
+    sweeps, images = _pairs(bag, request)
     if len(sweeps) * len(images) > 1:
         raise _several(bag, request, sweeps, images)
     (points,), (image,) = sweeps, images
@@ -169,6 +173,26 @@ def choose_topics(bag: Bag, request: BagRequest) -> Topics:
         is_beside=info_beside is not None or request.camera_info is not None,
         duplicates=duplicates,
     )
+
+
+def topics_of_cameras(bag: Bag, request: BagRequest) -> list[Topic]:
+    """List the topics of images, without copies in another encoding, for the only topic of sweeps, or the named one.
+
+    Raises:
+        ChoiceError: there are several topics of sweeps.
+        InputError: there are none, or none of images.
+    """
+    sweeps, images = _pairs(bag, request)
+    if len(sweeps) > 1:
+        choices = [("--points", topic.name) for topic in sweeps]
+        found = f"{bag.paths[0]}: found {counted(len(sweeps), 'topic')} of sweeps"
+        raise ChoiceError(found, f"one of: {listed(topic.name for topic in sweeps)}", choices)
+    return images
+
+
+def _pairs(bag: Bag, request: BagRequest) -> tuple[list[Topic], list[Topic]]:
+    sweeps, images = (_candidates(bag, getattr(request, use), *of) for use, of in CHOSEN.items())
+    return sweeps, images
 
 
 def _candidates(
@@ -211,7 +235,9 @@ def _several(bag: Bag, request: BagRequest, sweeps: Sequence[Topic], images: Seq
         f"{counted(len(topics), 'topic')} of {kind}"
         for topics, kind in ((sweeps, "sweeps"), (images, "images"))
     )
-    return ChoiceError(f"{bag.paths[0]}: found {counts}", f"one pair: {listed(map(' '.join, pairs))}", pairs)
+    expected = f"one pair: {listed(map(' '.join, pairs))}"
+    all_cameras = [(ALL_CAMERAS,)] if len(sweeps) == 1 else []
+    return ChoiceError(f"{bag.paths[0]}: found {counts}", expected, [*pairs, *all_cameras])
 
 
 def _others_of(topics: Sequence[Topic], topic: Topic) -> list[Topic]:

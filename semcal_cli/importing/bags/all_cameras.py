@@ -1,0 +1,79 @@
+"""Import of all cameras of a recording: a drive of each, made of the same sweeps, and a rig."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from semcal_cli.drive.document import RIG_FILE, SUFFIXES
+from semcal_cli.errors import InputError
+from semcal_cli.events import Listener, ignore
+from semcal_cli.files.documents import document_text
+from semcal_cli.files.output_files import write_text
+from semcal_cli.importing.bags.bag import Bag
+from semcal_cli.importing.bags.bag_import import ImportedDrive, import_bag
+from semcal_cli.importing.bags.messages import Topic
+from semcal_cli.importing.bags.topics import TRANSPORTS, BagRequest, topics_of_cameras
+
+NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.-]+")
+
+
+def import_cameras(
+    request: BagRequest, out: Path, on_event: Listener = ignore, *, force: bool = False
+) -> dict[str, ImportedDrive]:
+    """Make a drive of each camera of a recording in one folder, and a rig.yaml of them, which is written last.
+
+    All drives have the sweeps that the first camera, by name of its topic, leads to. An error leaves the drives of the
+    cameras before.
+
+    Args:
+        request: The recording, and the user's choices for each camera.
+        out: Folder of the drives.
+        on_event: Called with each event.
+        force: Whether files of other data are replaced.
+
+    Returns:
+        What was written, by the name of the camera.
+
+    Raises:
+        ChoiceError: there are several topics of sweeps.
+        InputError: the recording has a single camera, or one of them gives no drive.
+    """
+    if out.suffix in SUFFIXES:
+        raise InputError(f"{out}: found a file, expected a folder for the drives of all cameras")
+    with Bag(request.paths) as bag:
+        images = topics_of_cameras(bag, request)
+    if len(images) < 2:
+        raise InputError(
+            f"{request.paths[0]}: found images of {images[0].name} alone; leave out --all-cameras"
+        )
+    done: dict[str, ImportedDrive] = {}
+    for name, topic in zip(camera_names(images), images, strict=True):
+        of_camera = replace(request, image=topic.name)
+        if done:
+            of_camera = replace(of_camera, sweeps_ns=frozenset(next(iter(done.values())).sweeps_ns))
+        done[name] = import_bag(of_camera, out / f"{name}.yaml", on_event, force=force)
+    document = {"semcal_rig": 1, "cameras": {name: f"{name}.yaml" for name in done}}
+    write_text(document_text(document, "yaml"), out / RIG_FILE)
+    return done
+
+
+def camera_names(images: Sequence[Topic]) -> list[str]:
+    """Name cameras after the part of their topics that tells them apart: `front` for `/front/image_raw/compressed`."""
+    parts = [[part for part in topic.name.split("/") if part] for topic in images]
+    short = [_without_image(each) for each in parts]
+    for named in (short, parts):
+        names = [NOT_IN_NAMES.sub("_", "_".join(each)).strip("_.-") for each in named]
+        if all(names) and len({name.lower() for name in names}) == len(names):
+            return names
+    return [f"camera_{index}" for index in range(len(images))]
+
+
+def _without_image(parts: Sequence[str]) -> list[str]:
+    """Leave out the last parts of a topic that only say that it has images."""
+    left = [*parts]
+    while left and (left[-1] in TRANSPORTS or left[-1].startswith("image")):
+        left.pop()
+    return left
