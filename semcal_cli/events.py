@@ -16,7 +16,11 @@ class Progress:
     """The current work."""
 
     doing: str
-    """A verb and its object, such as `reading frames`."""
+    """A verb and its object, such as `reading frames`: the same as long as the work is the same."""
+    done: int = 0
+    """Number of its parts that are done."""
+    of: int = 0
+    """Number of all its parts; zero if they cannot be counted."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,9 @@
 import pytest
 from rich.console import Console
 
-from semcal_cli.cli.terminal import MAX_RUNNING, clock_time, live_lines, running_lines, time_left
+from semcal_cli.cli import terminal
+from semcal_cli.cli.terminal import MAX_RUNNING, Terminal, clock_time, live_lines, running_lines, time_left
+from semcal_cli.events import Progress
 from semcal_cli.many.batch.pace import Pace
 
 
@@ -88,3 +90,33 @@ def test_lines_are_live_on_a_terminal_only(capsys: pytest.CaptureFixture[str]) -
         shown = capsys.readouterr().out
         assert ("0:00  the drive with a " in shown) == expected
         assert "long name" not in shown
+
+
+def test_counted_work_has_a_bar_and_the_time_left(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(terminal, "monotonic", clock)
+    shown = Terminal(quiet=False)
+    shown.console = Console(stderr=True, force_terminal=True, width=80, color_system=None)
+
+    def line() -> str:
+        assert shown._line is not None
+        shown._line.refresh()
+        return capsys.readouterr().err.split("\r")[-1]
+
+    with shown:
+        shown.on_event(Progress("refining"))
+        assert "left" not in line()
+        clock.now += 4.0
+        shown.on_event(Progress("refining", 1, 4))
+        counted = line()
+        assert "refining, about 12 s left" in counted
+        assert "\u2501" * 5 in counted
+        # Other work begins a new count.
+        shown.on_event(Progress("assessing"))
+        clock.now += 1.0
+        shown.on_event(Progress("assessing", 3, 4))
+        assert "assessing, about 1 s left" in line()
+        shown.on_event(Progress("assessing", 4, 4))
+        assert "left" not in line()

@@ -13,6 +13,7 @@ from semcal_cli.cli.settings import argument, command, made_of, option, setting_
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError
+from semcal_cli.events import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +80,7 @@ def synth(settings: SynthSettings) -> None:
             total = (num_cameras or 1) * config.num_frames
 
             def tell(done: int, doing: str = f"rendering {folder}", total: int = total) -> None:
-                terminal.show(f"{doing}: {done:,} of {total:,} frames")
+                terminal.on_event(Progress(doing, done, total))
 
             if num_cameras is None:
                 summary = synthesize(config, folder, tell, force=force)

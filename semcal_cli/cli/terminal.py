@@ -6,10 +6,11 @@ import platform
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 
 from rich.console import Console
 from rich.live import Live
-from rich.progress import Progress as ProgressBar, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress as ProgressBar, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from semcal_cli.cli.tables import labelled, wrapped
@@ -27,6 +28,8 @@ COLORS = {
 }
 """Colour of each verdict."""
 REFRESHES_PER_S = 2.0
+BAR_WIDTH = 20
+"""Columns of the bar that shows how much of the work is done."""
 MAX_RUNNING = 16
 """Largest number of running items that are named."""
 MINUTE_S, HOUR_S = 60.0, 3600.0
@@ -42,12 +45,18 @@ class Terminal:
         self.verbose = verbose
         self._stages: list[StageDone] = []
         self._line: ProgressBar | None = None
+        self._doing, self._began_s = "", monotonic()
 
     def __enter__(self) -> Terminal:
         if self.console.is_terminal:
-            columns = SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
+            columns = (
+                SpinnerColumn(),
+                TimeElapsedColumn(),
+                BarColumn(BAR_WIDTH),
+                TextColumn("{task.description}", markup=False),
+            )
             self._line = ProgressBar(*columns, console=self.console, transient=True)
-            self._line.add_task("")
+            self._line.add_task("", total=None)
             self._line.start()
         return self
 
@@ -56,14 +65,31 @@ class Terminal:
             self._line.stop()
 
     def show(self, doing: str) -> None:
-        """Show on a terminal what is being done, and for how long."""
-        if self._line is not None:
-            self._line.update(self._line.task_ids[0], description=doing)
+        """Show on a terminal what is being done."""
+        self._show(Progress(doing))
+
+    def _show(self, progress: Progress) -> None:
+        """Show on a terminal what is being done, how much of it is, for how long, and about how long the rest takes."""
+        if self._line is None:
+            return
+        now = monotonic()
+        if progress.doing != self._doing:
+            self._doing, self._began_s = progress.doing, now
+        left = ""
+        if 0 < progress.done < progress.of:
+            left_s = (now - self._began_s) / progress.done * (progress.of - progress.done)
+            left = f", {about(left_s)} left"
+        self._line.update(
+            self._line.task_ids[0],
+            description=progress.doing + left,
+            total=progress.of or None,
+            completed=progress.done,
+        )
 
     def on_event(self, event: Event) -> None:
         """Show an event."""
         if isinstance(event, Progress):
-            self.show(event.doing)
+            self._show(event)
             return
         self._stages.append(event)
         did = [event.note] if event.moved is None else [movement(event.moved), event.note]
@@ -138,11 +164,16 @@ def time_left(pace: Pace) -> str:
     left_s = pace.left_s()
     if left_s is None or pace.num_left == 0:
         return ""
-    if left_s < SWITCH * MINUTE_S:
-        return f"about {max(left_s, 1.0):.0f} s left"
-    if left_s < SWITCH * HOUR_S:
-        return f"about {left_s / MINUTE_S:.0f} min left"
-    return f"about {left_s / HOUR_S:.1f} h left"
+    return f"{about(left_s)} left"
+
+
+def about(seconds: float) -> str:
+    """Write a duration that is an estimate."""
+    if seconds < SWITCH * MINUTE_S:
+        return f"about {max(seconds, 1.0):.0f} s"
+    if seconds < SWITCH * HOUR_S:
+        return f"about {seconds / MINUTE_S:.0f} min"
+    return f"about {seconds / HOUR_S:.1f} h"
 
 
 def clock_time(seconds: float) -> str:

@@ -330,8 +330,8 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
         stamps_s.setdefault(frame.points, frame.points_stamp)
         moments_s.setdefault(frame.points, []).append(frame.image_stamp or frame.points_stamp)
     ordered = sorted(stamps_s.items(), key=lambda item: item[1])
-    for number, (name, stamp_s) in enumerate(ordered, start=1):
-        on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
+    for index, (name, stamp_s) in enumerate(ordered):
+        on_event(Progress("estimating the motion from the sweeps", index, len(ordered)))
         (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points, drive.point_form)
         times_s, is_on_clock = checked_times(drive, frames[name], cloud, None) or (None, False)
         if times_s is not None and is_on_clock:

@@ -9,7 +9,6 @@ from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 from semcal_cli.drive.document import FILES, Drive, output_drive_file
@@ -90,14 +89,11 @@ def label_drive(
         write_bytes(side.label(drive, drive.frames[index]), files[side.key][index])
 
     failures: dict[int, str] = {}
-    start = perf_counter()
     with ThreadPoolExecutor(AT_A_TIME) as pool:
         futures = [pool.submit(label, *job) for job in pending]
         try:
             for count, ((_, index), future) in enumerate(zip(pending, futures, strict=True)):
-                left_s = (perf_counter() - start) / max(count, 1) * (len(pending) - count)
-                end = f", {left_s:.0f} s left" if count else ""
-                on_event(Progress(f"labelling {count + 1} of {len(pending)}{end}"))
+                on_event(Progress("labelling", count, len(pending)))
                 try:
                     future.result()
                 except InputError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -83,7 +84,7 @@ def assess(
         assessment = _compare_frames(pose).with_measured(*measured)
     else:
         can_bleed = with_label_bleed and data.policy.has_label_bleed
-        assessment = _judge(pose, with_label_bleed=can_bleed)
+        assessment = _judge(pose, on_event, with_label_bleed=can_bleed)
     if any(finding.topic == CLOCKS for finding in assessment.findings):
         # The finding states the offset.
         of_clock = notes_on_clock(used, pose.clock)
@@ -198,7 +199,7 @@ class _AssessedPose:
         return covariance_of_motion(self.data, self.stages.T_camera_lidar, self.label_gain, later_s)
 
 
-def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
+def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -> Assessment:
     """Estimate the uncertainty of a maximum of the mutual information, and run all checks."""
     data, T, with_priors = pose.data, pose.stages.T_camera_lidar, pose.stages.fused is not None
     of_checks, camera, budget = data.checked_by, data.observations.camera, pose.budget
@@ -212,8 +213,12 @@ def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
         )
         of_scale = pool.submit(check_scale, of_checks)
         of_pose = pool.submit(_uncertainty, pose, with_label_bleed=with_label_bleed)
+        started = of_frames, of_consistency, of_scale, of_pose
+        for done, _ in enumerate(as_completed(started), start=1):
+            on_event(Progress("assessing", done, len(started) + 2))
         frames, uncertainty, consistency = of_frames.result(), of_pose.result(), of_consistency.result()
         rivals = check_rivals(data.observations, T, uncertainty, with_priors=with_priors)
+        on_event(Progress("assessing", len(started) + 1, len(started) + 2))
         # Where the pose itself is wrong, its surroundings say nothing about K.
         is_lost = any(finding.topic in OF_A_LOST_POSE for finding in findings_among(consistency))
         tested = check_intrinsics(None if is_lost else estimate_intrinsics(of_checks, T, around), camera)

@@ -32,7 +32,7 @@ from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
 from semcal_cli.estimation.refine.estimators import make_estimator
 from semcal_cli.estimation.refine.polish import Polish, polish_pose
-from semcal_cli.estimation.refine.pyramid import Level, Refinement, refine_pose
+from semcal_cli.estimation.refine.pyramid import Refinement, refine_pose
 from semcal_cli.estimation.refine.several_starts import pyramid_of
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting_search import GIVEN, Initialization, search_mountings, unsearched
@@ -40,9 +40,8 @@ from semcal_cli.estimation.search.start_by_motion import start_by_motion, what_f
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.estimation.uncertainty.motion_error import covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import sum_of
-from semcal_cli.events import Listener, Progress, StageDone, ignore, movement
+from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.observations.observations import Observations
@@ -308,9 +307,8 @@ def refine(
     if starts is not None:
         pyramid = pyramid_of(starts)
 
-    def on_level(level: Level, num_levels: int) -> None:
-        moved = compare_poses(level.T_camera_lidar, T_init)
-        on_event(Progress(f"refining: {level.factor}-pixel blocks done, {movement(moved)}"))
+    def on_level(num_done: int, num_levels: int) -> None:
+        on_event(Progress("refining", num_done, num_levels))
 
     def ascend() -> Refinement:
         estimator, settings = make_estimator(observations, config, seed, on_event, candidates)
@@ -376,7 +374,7 @@ def repeat(
     poses: list[Pose | None] = []
     candidates = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     for seed in range(config.seed + 1, config.seed + config.num_seeds):
-        on_event(Progress(f"repeating with seed {seed}"))
+        on_event(Progress("repeating with other seeds", seed - config.seed - 1, config.num_seeds - 1))
         try:
             initial = stages.searched
             if initial is None or initial.by_motion is None:

@@ -76,7 +76,7 @@ def refine_pose(
     T_init: Pose,
     optimizer: LevelOptimizer,
     config: PyramidConfig,
-    on_level: Callable[[Level, int], None] = lambda level, num_levels: None,
+    on_level: Callable[[int, int], None] = lambda num_done, num_levels: None,
     clamp: Callable[[Pose], Pose] = lambda pose: pose,
 ) -> Refinement:
     """Refine a pose by maximising mutual information over the levels of the pyramid.
@@ -86,7 +86,7 @@ def refine_pose(
         T_init: (4, 4) float64, T_camera_lidar at which the coarsest level starts.
         optimizer: The estimator of mutual information.
         config: The pyramid.
-        on_level: A callback that receives each level when it ends, and the number of levels.
+        on_level: Called with the number of levels that are done, and of all.
         clamp: A map from poses to the nearest allowed poses, applied before and after each level.
 
     Returns:
@@ -111,7 +111,7 @@ def refine_pose(
             )
         levels.append(level)
         pose = clamp(level.T_camera_lidar)
-        on_level(level, len(factors))
+        on_level(len(levels), len(factors))
     converged = levels[-1].drift <= config.max_final_drift
     return Refinement(
         T_camera_lidar=pose,

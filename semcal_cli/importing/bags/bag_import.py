@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -312,8 +311,8 @@ class _Import:
         odometry, request = Odometry(), self.request
         start_ns, stop_ns = min(wanted_ns) - AROUND_NS, max(wanted_ns) + AROUND_NS
         for message in self.bag.messages([self.topics.points], start_ns, stop_ns):
-            share = (message.received_ns - start_ns) / (stop_ns - start_ns)
-            self.on_event(Progress(f"estimating the motion from the sweeps: {share:.0%}"))
+            read_ns, all_ns = message.received_ns - start_ns, stop_ns - start_ns
+            self.on_event(Progress("estimating the motion from the sweeps", read_ns, all_ns))
             if frame_of(message) != self.frame_ids[self.topics.points]:
                 continue
             with suppress(MessageError):
@@ -343,11 +342,9 @@ class _Import:
             image_topic=self.topics.image,
             period_ns=round(NS / rate_hz) if rate_hz else 0,
         )
-        began = perf_counter()
 
         def on_place(done: int, count: int) -> None:
-            left = f", {(perf_counter() - began) / done * (count - done):.0f} s left" if done else ""
-            self.on_event(Progress(f"reading {self.bag.paths[0].name}: {done} of {count} places{left}"))
+            self.on_event(Progress(f"reading {self.bag.paths[0].name}", done, count))
 
         trajectory = None if self._poses_topic is None else self.trajectory
         pairs = read_pairs(self.bag, wanted_ns, pairing, self._read_messages, trajectory, on_place)

@@ -90,7 +90,7 @@ def write_frames(
     written = []
     with ThreadPoolExecutor(NUM_WRITERS) as workers:
         for index, result in enumerate(workers.map(written_frame, chosen)):
-            on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
+            on_event(Progress("writing frames", index + 1, len(chosen)))
             if isinstance(result, MessageError):
                 left_out[f"pairs: {result}"] += 1
             else:
@@ -196,8 +196,8 @@ def with_sweeps_around(
     by_stamp = {round((frame.source.points_stamp or 0.0) * NS): frame for frame in written}
     middles_ns = np.array([candidate.pair.sweep_ns for candidate in chosen])
     done_ns, known_ns = 0, {*by_stamp, *middles_ns.tolist()}
-    for number, candidate in enumerate(chosen, start=1):
-        on_event(Progress(f"reading the sweeps around {number:,} of {len(chosen):,} frames"))
+    for index, candidate in enumerate(chosen):
+        on_event(Progress("reading the sweeps around frames", index, len(chosen)))
         received_ns = candidate.pair.sweep.received_ns
         # Messages of one moment are received at different times, and sweeps need poses before and after them.
         start_ns = max(received_ns - half_ns - PATIENCE_NS, done_ns)
