@@ -9,6 +9,7 @@ from commands import invoke
 
 from semcal_cli.errors import format_against_limit
 from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import PoseError
 from semcal_cli.pipeline.comparison import Axis, Comparison
 from semcal_cli.pipeline.verdict import Verdict
@@ -101,3 +102,22 @@ def test_several_transforms_are_compared_with_the_first(street: Path, tmp_path: 
     assert plot.read_text().startswith("<?xml")
     assert invoke("compare", street, files[0], "--csv", files[0]).exit_code == 1
     assert invoke("compare", street, *files, "--plot", tmp_path / "t.pdf").exit_code == 1
+
+
+def test_the_camera_of_a_file_with_several_is_named(street: Path, tmp_path: Path) -> None:
+    """P2 of KITTI is 6 cm to the right of camera 0, which the file's transform belongs to."""
+    T = read_transform(street)
+    calib, second, other = (tmp_path / name for name in ("calib.txt", "second.yaml", "other.yaml"))
+    write_transform(T, calib, "kitti-object", FormatOptions(camera="P0"))
+    calib.write_text("P2: 700 0 600 42 0 700 200 0 0 0 1 0\n" + calib.read_text())
+    shift = np.eye(4)
+    shift[0, 3] = 0.06
+    write_transform(shift @ T, second, "semcal")
+    assert "fail: camera centre 6.0 cm" in invoke("compare", calib, second).output
+    # The name counts for the file that has several cameras, whichever of the two that is.
+    for files in ((calib, second), (second, calib)):
+        done = invoke("compare", *files, "--camera", "P2")
+        assert done.exit_code == 0, done.output
+    write_transform(T, other, "semcal")
+    refused = invoke("compare", calib, other, "--camera", "left")
+    assert str(refused.exception) == "--camera: found 'left', expected one of: P0, P1, P2, P3"

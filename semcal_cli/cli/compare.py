@@ -12,7 +12,7 @@ import click
 
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import json_flag, limit, reference_direction
-from semcal_cli.cli.settings import argument, command, output_file
+from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.config import Limits
 from semcal_cli.config.directions import Direction
 
@@ -31,6 +31,10 @@ class CompareSettings:
     csv: Path | None = output_file("Also write the differences from A to a file: .csv.")
     plot: Path | None = output_file("Also draw the differences from A: .png or .svg.")
     reference_direction: Direction | None = reference_direction()
+    camera: str | None = option(
+        "Name of the camera in files that may hold several, such as P2 of KITTI; others have one.",
+        metavar="NAME",
+    )
     max_translation_m: float = limit("camera", Limits.translation_m, "M", minimum=0.0)
     max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", minimum=0.0)
     as_json: bool = json_flag()
@@ -55,7 +59,8 @@ def compare(settings: CompareSettings) -> None:
     check_plot(settings.plot)
     check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
     paths = [settings.b, *settings.others]
-    a, b, *others = (read_reference(path, settings.reference_direction) for path in (settings.a, *paths))
+    direction, camera = settings.reference_direction, settings.camera
+    a, b, *others = (read_reference(path, direction, camera) for path in (settings.a, *paths))
     comparisons = [difference(a, other) for other in (b, *others)]
     judged = [_checks(each, settings) for each in comparisons]
     files = [

@@ -63,8 +63,12 @@ def read_extrinsic(
         format = _recognise(source) if name is None else find_format(name)
         if not format.recognises(source):
             _check_form(source)
-        if direction_option == REFERENCE_DIRECTION and options is not None and "direction" not in format.asks:
-            options = replace(options, direction=None)
+        if direction_option == REFERENCE_DIRECTION and options is not None:
+            options = replace(
+                options,
+                direction=options.direction if "direction" in format.asks else None,
+                camera=options.camera if "camera" in format.asks else None,
+            )
         _check_options(format, options or FormatOptions())
         T_camera_lidar = format.read(source, options or FormatOptions())
     except RecursionError:
@@ -77,20 +81,28 @@ def read_extrinsic(
             raise InputError(f"{beginning} in a format that `semcal convert --formats` lists") from None
         # Commands that read a transform as one input of several have at most one of these options.
         before, option, after = str(error).partition("--direction" if direction_option else "\0")
-        convert = "; `semcal convert` takes this option" if OPTION.search(before + after) else ""
+        has_option = options is not None and options.camera is not None  # of `compare`
+        is_other = OPTION.search(before + after) and not has_option
+        convert = "; `semcal convert` takes this option" if is_other else ""
         if "--direction lidar-to-camera" in before:
             convert = f"; first: `semcal convert {path} --direction lidar-to-camera --to semcal -o T.yaml`"
         raise type(error)(f"{before}{option and direction_option}{after}{convert}") from None
     return Extrinsic(T_camera_lidar, source)
 
 
-def read_reference(path: Path | str, direction: Direction | None) -> Extrinsic:
-    """Read a transform as `read_extrinsic` does, with a direction that counts only if the file states none.
+def read_reference(path: Path | str, direction: Direction | None, camera: str | None = None) -> Extrinsic:
+    """Read a transform as `read_extrinsic` does, with options that count only for a file that leaves them open.
+
+    Args:
+        path: The file.
+        direction: Direction of a matrix.
+        camera: Name of the camera in a file that may hold several.
 
     Raises:
         InputError: see `read_extrinsic`.
     """
-    return read_extrinsic(path, None, FormatOptions(direction), direction_option=REFERENCE_DIRECTION)
+    options = FormatOptions(direction, camera=camera)
+    return read_extrinsic(path, None, options, direction_option=REFERENCE_DIRECTION)
 
 
 def read_transform(
