@@ -28,7 +28,12 @@ enum Blocks {
     /// Blocks of one pixel, and the class of those with full weight, else [`NO_CLASS`].
     Banded { image: Arc<LabelImage<u8>>, only: Vec<u8> },
     /// Blocks of several pixels, or pixels of several classes: see [`Averaged`].
-    Shares { shares: ClassShares, only: Vec<u8> },
+    Shares {
+        shares: ClassShares,
+        only: Vec<u8>,
+        /// Sums of the shares, which are needed more often than these.
+        amounts: Vec<u16>,
+    },
 }
 
 impl Blocks {
@@ -43,7 +48,7 @@ impl Blocks {
                 let class = usize::from(image.ids[index]);
                 &shares[class..class + usize::from(class < shares.len())]
             }
-            Self::Shares { shares, only } => match only[index] {
+            Self::Shares { shares, only, .. } => match only[index] {
                 NO_CLASS => shares.at(index),
                 class => std::slice::from_ref(&WHOLE[usize::from(class)]),
             },
@@ -55,9 +60,7 @@ impl Blocks {
         match self {
             Self::Pixels(image) | Self::Banded { image, .. } if image.ids[index] == NO_CLASS => 0,
             Self::Banded { only, .. } if only[index] == NO_CLASS => FAINT_AMOUNT.into(),
-            Self::Shares { shares, only } if only[index] == NO_CLASS => {
-                shares.at(index).iter().map(|share| u16::from(share.amount)).sum()
-            }
+            Self::Shares { amounts, .. } => amounts[index],
             _ => u8::MAX.into(),
         }
     }
@@ -112,7 +115,12 @@ impl ShareMap {
     }
 
     fn averaged(image: &LabelImage<u8>, factor: usize, Averaged { shares, only }: Averaged) -> Self {
-        Self::new(image, factor, Blocks::Shares { shares, only })
+        let amount = |(index, &only): (usize, &u8)| match only {
+            NO_CLASS => shares.at(index).iter().map(|share| u16::from(share.amount)).sum(),
+            _ => u8::MAX.into(),
+        };
+        let amounts = only.iter().enumerate().map(amount).collect();
+        Self::new(image, factor, Blocks::Shares { shares, only, amounts })
     }
 
     fn new(image: &LabelImage<u8>, factor: usize, blocks: Blocks) -> Self {
