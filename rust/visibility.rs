@@ -90,6 +90,9 @@ impl Sweep {
 /// or slanted surfaces and range noise would occlude themselves.
 const MAX_OCCLUDER_RANGE: f64 = 0.8;
 
+/// Depth behind the camera that single precision tells, metres.
+const BEHIND_M: f32 = 0.5;
+
 /// Chords of the unit sphere that differ by less are equal.
 const ROUND_OFF: f64 = 1e-9;
 
@@ -107,7 +110,12 @@ pub fn project_points<'a>(
 /// to tell.
 fn project_sweep(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<Projected> {
     let (to_camera, min_cosine) = (to_camera(t_camera_lidar), camera.view_cosine());
-    let in_camera = points.iter().map(to_camera).enumerate();
+    let axis = t_camera_lidar.rotation.inverse_transform_vector(&Vector3::z()).map(|x| x as f32);
+    // Metres; a point this far behind the camera is there in single precision, too.
+    let behind = -t_camera_lidar.translation.z as f32 - BEHIND_M;
+    let is_behind = |[x, y, z]: [f32; 3]| axis.x * x + axis.y * y + axis.z * z < behind;
+    let left = points.iter().enumerate().filter(|(_, point)| min_cosine < 0.0 || !is_behind(**point));
+    let in_camera = left.map(|(index, point)| (index, to_camera(point)));
     project(camera, in_camera.filter(|(_, p_camera)| p_camera.z >= min_cosine * p_camera.norm()))
 }
 

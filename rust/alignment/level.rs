@@ -14,7 +14,7 @@ use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
 use crate::pyramid::{Sampled, ShareMap};
-use crate::thinning::{stride, thinned};
+use crate::thinning::{is_thinned, stride, thinned};
 use crate::visibility::project_points;
 
 /// Weight, in points, of pairs not seen in a batch, which keeps their pointwise mutual information finite.
@@ -58,15 +58,15 @@ impl Level {
         Self { observations, maps, factor, stride, used: OnceLock::new(), objective: Objective::Information }
     }
 
-    /// The indices of the points of a frame that are used.
-    pub(super) fn used<'a>(&self, frame: &'a Frame) -> impl Iterator<Item = usize> + use<'a> {
-        with_class(frame, self.stride)
+    /// Whether a point of a frame is used.
+    pub(super) fn uses(&self, frame: &Frame, index: usize) -> bool {
+        frame.point_classes[index] != NO_CLASS && is_thinned(index, self.stride)
     }
 
     /// The points of a frame that are used, by its index.
     pub(super) fn used_points(&self, index: usize) -> &PointsWithClass {
         let frames = &self.observations.frames;
-        let of_frame = |frame: &Frame| PointsWithClass::of(frame, self.used(frame));
+        let of_frame = |frame: &Frame| PointsWithClass::of(frame, self.stride);
         // In one thread: a task that rayon takes on meanwhile might wait here for its own thread.
         &self.used.get_or_init(|| frames.iter().map(of_frame).collect())[index]
     }
@@ -196,7 +196,7 @@ impl Level {
 fn num_in_image(observations: &Observations, poses: &[Isometry3<f64>]) -> usize {
     let some = |frame: &Frame| {
         let stride = stride(frame.points.len(), NUM_PROJECTED);
-        (stride, PointsWithClass::of(frame, with_class(frame, stride)))
+        (stride, PointsWithClass::of(frame, stride))
     };
     let frames: Vec<_> = observations.frames.par_iter().map(some).collect();
     let num_seen = |pose| {
@@ -208,11 +208,6 @@ fn num_in_image(observations: &Observations, poses: &[Isometry3<f64>]) -> usize 
     poses.par_iter().map(num_seen).max().unwrap_or(0)
 }
 
-/// One index of every `stride` points of a frame, without those that have no class.
-fn with_class(frame: &Frame, stride: usize) -> impl Iterator<Item = usize> + use<'_> {
-    thinned(frame.points.len(), stride).filter(|&i| frame.point_classes[i] != NO_CLASS)
-}
-
 /// Some points of a sweep, side by side in memory: single points of a large sweep take many times longer to read.
 #[derive(Clone, Debug)]
 pub(super) struct PointsWithClass {
@@ -221,7 +216,9 @@ pub(super) struct PointsWithClass {
 }
 
 impl PointsWithClass {
-    fn of(frame: &Frame, indices: impl Iterator<Item = usize>) -> Self {
+    /// Takes one of every `stride` points of a frame, without those that have no class.
+    fn of(frame: &Frame, stride: usize) -> Self {
+        let indices = thinned(frame.points.len(), stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
         let (indices, positions) = indices.map(|i| (i as u32, frame.points[i])).unzip();
         Self { indices, positions }
     }

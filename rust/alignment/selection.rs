@@ -143,11 +143,9 @@ impl Level {
             return project_points(camera, self.used_points(index).iter(), pose);
         }
         // Points that do not count still occlude others.
-        let mut counts = vec![false; frame.points.len()];
-        self.used(frame).for_each(|i| counts[i] = true);
         let (projected, hidden) = frame.points.in_image(camera, pose, &self.observations.origin);
         let pairs = projected.into_iter().zip(hidden.iter());
-        let seen = pairs.filter(|(point, hidden)| !**hidden && counts[point.index]);
+        let seen = pairs.filter(|(point, hidden)| !**hidden && self.uses(frame, point.index));
         seen.map(|(point, _)| point).collect()
     }
 }
