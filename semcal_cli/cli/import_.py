@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import shlex
+from collections import Counter
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -29,7 +30,6 @@ from semcal_cli.errors import ChoiceError, InputError, check_installed, counted,
 from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
 
 if TYPE_CHECKING:
-    from semcal_cli.importing.bags.bag_import import ImportedDrive
     from semcal_cli.importing.bags.topics import BagRequest
     from semcal_cli.importing.drive_folder import WrittenDrive
     from semcal_cli.importing.recording import Recording
@@ -407,22 +407,22 @@ def _import_all_cameras(settings: BagSettings) -> None:
     request, output = _request(settings), settings.output
     assert output is not None  # by a rule
     with settings.terminal() as terminal:
-        done = import_cameras(request, output, terminal.on_event, force=settings.force)
+        done = import_cameras(request, output, terminal.on_event, is_rig=True, force=settings.force)
     if settings.quiet:
         return
     for drive in done.values():
-        _tell_import(drive, is_last=False)
+        _tell_import(drive.written, drive.num_sweeps, drive.left_out, is_last=False)
     click.echo(f"wrote {output / RIG_FILE}: {counted(len(done), 'camera')}, {', '.join(done)}", err=True)
     click.echo(f"next: {shell('calibrate', output / RIG_FILE, '-o', output / 'results')}", err=True)
 
 
-def _tell_import(done: ImportedDrive, *, is_last: bool) -> None:
-    """Print what was made of a recording, and what was left out."""
-    rows = done.left_out.most_common()
+def _tell_import(written: WrittenDrive, num_sweeps: int, reasons: Counter[str], *, is_last: bool) -> None:
+    """Print what was made of a recording, and what was left out, by reason."""
+    rows = reasons.most_common()
     left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
     if others := sum(count for _, count in rows[MAX_REASONS:]):
         left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
-    _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out), is_last=is_last)
+    _tell(written, f" of {num_sweeps:,} sweeps", tuple(left_out), is_last=is_last)
 
 
 def _request(settings: BagSettings) -> BagRequest:
@@ -460,7 +460,7 @@ def import_recording(settings: BagSettings, *, is_last: bool = True) -> WrittenD
     """
     from semcal_cli.drive.document import read_drive
     from semcal_cli.importing.accumulated_drive import check_accumulated
-    from semcal_cli.importing.bags.bag_import import import_bag
+    from semcal_cli.importing.bags.all_cameras import import_cameras
 
     request = _request(settings)
     assert settings.output is not None  # by a rule
@@ -469,9 +469,11 @@ def import_recording(settings: BagSettings, *, is_last: bool = True) -> WrittenD
         output = _sweeps_drive(settings.output)
         check_accumulated(settings.output, output.parent, force=settings.force)
     with settings.terminal() as terminal:
-        done = import_bag(request, output, terminal.on_event, force=settings.force)
+        imported = import_cameras(request, output, terminal.on_event, is_rig=False, force=settings.force)
+    (done,) = imported.values()
     if not settings.quiet:
-        _tell_import(done, is_last=is_last and settings.accumulate is None)
+        is_last = is_last and settings.accumulate is None
+        _tell_import(done.written, done.num_sweeps, done.left_out, is_last=is_last)
     if settings.accumulate is not None:
         drive = read_drive(done.written.path)
         accumulate_into(settings.output, drive, settings, seconds=settings.accumulate, force=settings.force)

@@ -32,26 +32,35 @@ def main(
     pairs: tuple[int, ...] = (1, 20, 70),
     process: tuple[str, ...] = ON_DRIVES,
     width: int = 1280,
+    drive: tuple[Path, ...] = (),
 ) -> Iterator[str]:
-    """Time processes of both executables on drives of so many pairs."""
+    """Time processes of both executables on drives of so many pairs, or on given drives.
+
+    On given drives, `--process "calibrate --cue edges --init FILE"` states what starts from where.
+    """
     pool.mkdir(parents=True, exist_ok=True)
     executables = before.absolute(), after.absolute()
     yield f"{os.cpu_count()} cores, {repeats} runs of each version\n"
     stages: list[tuple[str, str, str]] = []
+    drive_of = [(path.absolute(), path.name) for path in drive]
+
+    def made() -> Iterator[tuple[Path, str]]:
+        for count in pairs:
+            path = pool / f"pairs_{count}_{width}"
+            if not path.exists():
+                street(path, 0, count, width)
+            yield path, f"{count} pairs" if count > 1 else "1 pair"
 
     def rows() -> Iterator[tuple[str, ...]]:
         yield row("--help", in_turns(executables, repeats, ["--help"]))
-        for count in pairs:
-            drive = pool / f"pairs_{count}_{width}"
-            if not drive.exists():
-                street(drive, 0, count, width)
-            result = drive / "calibration.yaml"
-            run_process([str(executables[0]), "calibrate", str(drive), "-q", "-o", str(result)])
-            of_drive = f"{count} pairs" if count > 1 else "1 pair"
+        for path, of_drive in drive_of or made():
+            result = path / "calibration.yaml" if not drive_of else pool / f"{path.name}.yaml"
+            first = next(each for each in (*process, "calibrate") if each.startswith("calibrate"))
+            run_process([str(executables[0]), *command(first, path, result, pool)[:-1], str(result), "-q"])
             for each in process:
-                runs = in_turns(executables, repeats, command(each, drive, result, pool))
+                runs = in_turns(executables, repeats, command(each, path, result, pool))
                 yield row(f"{each}, {of_drive}", runs)
-                if each == "calibrate":
+                if each == first:
                     stages.extend(stage_rows(of_drive, runs))
 
     yield from table(

@@ -1,4 +1,4 @@
-"""Import of all cameras of a recording: a drive of each, made of the same sweeps, and a rig."""
+"""Import of one camera of a recording, or of all: a drive of each, made of the same sweeps, and a rig."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from semcal_cli.drive.document import RIG_FILE, SUFFIXES
+from semcal_cli.drive.document import RIG_FILE, output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.files.documents import document_text
@@ -21,27 +21,30 @@ NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.-]+")
 
 
 def import_cameras(
-    request: BagRequest, out: Path, on_event: Listener = ignore, *, force: bool = False
+    request: BagRequest, out: Path, on_event: Listener = ignore, *, is_rig: bool, force: bool = False
 ) -> dict[str, ImportedDrive]:
-    """Make a drive of each camera of a recording in one folder, and a rig.yaml of them, which is written last.
+    """Make the drive that is asked for, or one of each camera in one folder and a rig.yaml of them, written last.
 
-    All drives have the sweeps that the first camera, by name of its topic, leads to. An error leaves the drives of the
-    cameras before.
+    All drives of a rig have the sweeps that its first camera, by the name of its topic, leads to. An error leaves the
+    drives of the cameras before.
 
     Args:
         request: The recording, and the user's choices for each camera.
         out: Folder of the drives.
         on_event: Called with each event.
+        is_rig: Whether all cameras are imported.
         force: Whether files of other data are replaced.
 
     Returns:
-        What was written, by the name of the camera.
+        What was written, by the name of the camera; a single drive has none.
 
     Raises:
-        ChoiceError: there are several topics of sweeps.
-        InputError: the recording has a single camera, or one of them gives no drive.
+        ChoiceError: there are several topics of sweeps, or of images for a single drive.
+        InputError: a rig's recording has a single camera, or a camera gives no drive.
     """
-    if out.suffix in SUFFIXES:
+    if not is_rig:
+        return {"": import_bag(request, out, on_event, force=force)}
+    if output_drive_file(out) == out:
         raise InputError(f"{out}: found a file, expected a folder for the drives of all cameras")
     with Bag(request.paths) as bag:
         images = topics_of_cameras(bag, request)
