@@ -11,12 +11,13 @@ from pages import page_of
 
 from semcal_cli.config import CueName
 from semcal_cli.drive.document import read_drive
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.edges import NO_EDGE
 from semcal_cli.observations.observations import NO_CLASS
 from semcal_cli.report import read_report_input
-from semcal_cli.report.colors import page_colors
+from semcal_cli.report.colors import NO_PAIR, page_colors
 from semcal_cli.report.page_images import MAX_POINTS, make_images
-from semcal_cli.report.points import frame_points
+from semcal_cli.report.points import View, frame_points
 from semcal_cli.report.words import polish_sentences
 from semcal_cli.result.calibration_document import read_calibration, write_calibration
 
@@ -83,6 +84,24 @@ def test_points_without_an_edge_have_no_colour_and_make_room_for_the_others(
     assert int(((few.classes != NO_EDGE) & (few.classes != NO_CLASS)).sum()) == num_edges
     np.testing.assert_array_equal(few.indices, points.indices[np.isin(points.indices, few.indices)])
     assert len(points.thin(50).classes) == 50
+
+
+def test_steps_agree_with_strong_gradients_and_less_where_the_pose_is_off(
+    made: Path, street: Path, street_truth: Pose, T_off: Pose, tmp_path: Path
+) -> None:
+    report_input = read_report_input(read_drive(street), by_cues(made, tmp_path, "edges"))
+    observations = report_input.observations
+    views = [View(observations, T) for T in (T_off, street_truth)]
+    points = frame_points(views, 0, report_input.overlays(2).is_associated)
+    is_step = (points.classes != NO_EDGE) & (points.classes != NO_CLASS)
+    off, right = points.poses
+    for pose in (off, right):
+        assert (pose.kinds[~is_step & pose.is_visible] == NO_PAIR).all()
+    assert right.agreement is not None
+    assert off.agreement is not None
+    # By chance, half of them would.
+    assert right.agreement > 0.6
+    assert off.agreement < right.agreement - 0.05
 
 
 def test_what_edges_gained_is_in_nats(made: Path, tmp_path: Path) -> None:

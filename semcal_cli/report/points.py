@@ -98,16 +98,20 @@ def at_pixels(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt
 def agreement_kinds(
     observations: Observations, frame: int, projection: ProjectedPoints, is_associated: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.intp]:
-    """Return the index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label."""
+    """Return the index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label.
+
+    Points with a step agree with a gradient of the upper half of the levels; those without a step say nothing alone.
+    """
     point_classes = observations.clouds[frame].classes[projection.indices]
     pixel_classes = at_pixels(observations.images[frame].classes, projection.pixels)
     is_labelled = (point_classes != NO_CLASS) & (pixel_classes != NO_CLASS)
+    if coloring_of(observations) == "edge":
+        is_labelled &= is_edge(point_classes)
+        agrees = pixel_classes[is_labelled] >= len(observations.image_class_names) // 2
+    else:
+        agrees = is_associated[point_classes[is_labelled], pixel_classes[is_labelled]]
     kinds = np.full(len(point_classes), NO_PAIR, np.intp)
-    kinds[is_labelled] = np.where(
-        projection.is_hidden[is_labelled],
-        HIDDEN,
-        ~is_associated[point_classes[is_labelled], pixel_classes[is_labelled]],
-    )
+    kinds[is_labelled] = np.where(projection.is_hidden[is_labelled], HIDDEN, ~agrees)
     return kinds
 
 
