@@ -206,6 +206,22 @@ def test_a_database_that_holds_anything_else(fault: str, tmp_path: Path) -> None
     assert len(read_drive(tmp_path / "drive").frames) == 5
 
 
+def test_an_index_that_is_out_of_order_gives_nothing_that_was_not_asked_for(tmp_path: Path) -> None:
+    file = small(tmp_path) / "bag.db3"
+    with closing(sqlite3.connect(file)) as database:
+        ((page,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'timestamp_idx'")
+        ((size,),) = database.execute("PRAGMA page_size")
+        times_ns = sorted({time_ns for (time_ns,) in database.execute("SELECT timestamp FROM messages")})
+    content = file.read_bytes()
+    place = content.index(times_ns[1].to_bytes(8, "big"), (page - 1) * size)
+    early = (times_ns[0] - NS).to_bytes(8, "big")
+    file.write_bytes(content[:place] + early + content[place + 8 :])
+    with Bag([file]) as bag:
+        found = [message.received_ns for message in bag.messages(bag.topics)]
+        assert len(found) > 10
+        assert bag.start_ns <= min(found) <= max(found) <= bag.end_ns
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_types_of_one_name_are_two_topics(kind: str, tmp_path: Path) -> None:
     def both(bag: BagWriter, index: int, stamp: int) -> Any:

@@ -86,7 +86,9 @@ class SqliteFile:
         """
         for topic_id, time_ns, raw in self._rows(topics, start_ns, stop_ns):
             self._meter.add(len(raw))
-            yield Message(self._topics[topic_id], time_ns, raw)
+            # An index that is out of order leads to rows that were not asked for.
+            if self._topics[topic_id] in topics and start_ns <= time_ns < stop_ns:
+                yield Message(self._topics[topic_id], time_ns, raw)
 
     def _rows(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[tuple[Any, ...]]:
         keys = [key for key, topic in self._topics.items() if topic in topics]
