@@ -299,7 +299,7 @@ def test_other_seeds_lead_to_the_same_place(street: Path, tmp_path: Path, cli: C
     assert found is not None
     assert stated is not None
     assert (code, found.num_seeds, found.num_failed) == (0, 2, 0)
-    assert "2 seeds          camera centre x y z" in err
+    assert "2 seeds          camera centre right, down, forward" in err
     assert found.spread_camera_center_m is not None
     assert max(found.spread_camera_center_m) > 0.0
     assert found.farthest_camera_center_m < min(stated.half_width_95_camera_center_m)
@@ -313,7 +313,7 @@ def test_parts_of_a_drive_differ_as_their_intervals_predict(street: Path, tmp_pa
     assert found.pulls is not None
     assert (code, found.num_folds, found.num_failed) == (0, 2, 0)
     assert 0.0 < max(found.pulls) < 4.0
-    assert "2 parts          camera centre x y z" in err
+    assert "2 parts          camera centre right, down, forward" in err
     code, _, err = cli("calibrate", street, "--cross-validate", "9", "-o", result)
     assert code == 1
     assert (

@@ -150,3 +150,23 @@ def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:
     again = invoke(*arguments, "--to", "text", "--to-direction", "lidar-to-camera")
     rows = np.loadtxt(io.StringIO(again.stdout))
     np.testing.assert_allclose(rows, np.linalg.inv(np.load(out)), atol=1e-12)
+
+
+def test_a_file_that_holds_more_is_replaced_only_by_force(street: Path, tmp_path: Path) -> None:
+    """A robot is not lost to a joint; a transform that was written before is replaced by the next."""
+    robot = tmp_path / "robot.urdf"
+    robot.write_text('<robot name="precious"><link name="base"/></robot>\n')
+    words = ["convert", street, "--to", "urdf", "--to-lidar", "lidar", "--to-camera", "camera", "-o", robot]
+    refused = invoke(*words)
+    assert str(refused.exception) == (
+        f"{robot}: found a file that holds something else than a transform of urdf; choose another -o, or --force"
+    )
+    assert "precious" in robot.read_text()
+    for more in (["--force"], []):
+        done = invoke(*words, *more)
+        assert done.exit_code == 0, done.output
+        assert "a joint alone; --into robot.urdf" in done.output
+    turned = read_transform(street)
+    turned[:3, 3] += 0.5
+    write_transform(turned, tmp_path / "other.yaml", "semcal")
+    assert invoke("convert", tmp_path / "other.yaml", *words[2:]).exit_code == 0

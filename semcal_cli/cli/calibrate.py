@@ -45,14 +45,14 @@ def calibrate(settings: CalibrateSettings) -> None:
         settings.outputs.check(drive, settings.initial_pose)
         terminal.print(labelled("start", sentence))
         if is_imported:
-            terminal.print(labelled("alone", typed_for(settings.drive)))
+            terminal.print(labelled("same as", typed_for(settings.drive)))
         if settings.image_model:
             with terminal:
                 labelled_drive = label_on_the_way(drive, settings, settings.max_frames, terminal)
             if is_imported:
                 names = [word for name in settings.image_model for word in ("--image-model", name)]
                 output = drive.argument.with_name(f"{drive.argument.name}_labelled")
-                terminal.print(labelled("alone", shell("label", drive.argument, *names, "-o", output)))
+                terminal.print(labelled("same as", shell("label", drive.argument, *names, "-o", output)))
             settings = replace(settings, drive=labelled_drive, frames=None, exclude=())
         sys.exit(_calibrate_drive(settings, names_commands=is_imported))
     except NoStartError as error:

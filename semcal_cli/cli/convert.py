@@ -83,7 +83,7 @@ class ConvertSettings(WrittenSettings):
     rules = [
         one_of("--to", "--into"),
         given("--to").excludes("--into"),
-        given("--key", "--force").requires("--into"),
+        given("--key").requires("--into"),
     ]
     source: Path = argument(type=INPUT_FILE, metavar="IN")
     from_: str | None = format_name("Format of IN, if its content does not show it.", "--from")
@@ -148,6 +148,6 @@ def convert(settings: ConvertSettings) -> None:
         )
     else:
         assert settings.to is not None
-        content = convert_file(source, settings.to, output, **options)
+        content = convert_file(source, settings.to, output, replaces=settings.force, **options)
     if output is None:
         click.echo(content, nl=False)

@@ -98,7 +98,7 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
             raise
         commands = [f"`{source.command(drive, *options, *words)}`" for words in error.choices]
         raise InputError(f"{error.problem}, choose one: {', '.join(commands)}") from None
-    terminal.print(labelled("alone", source.command(drive, *options)))
+    terminal.print(labelled("same as", source.command(drive, *options)))
     return replace(settings, drive=drive)
 
 

@@ -251,7 +251,7 @@ class Outputs:
     def _name_command(self, terminal: Terminal, command: str, drive: Drive, output: Path) -> None:
         """Print the command that makes the report or the overlays alone."""
         if self.names_commands and self.output is not None:
-            terminal.print(labelled("alone", shell(command, drive.argument, self.output, "-o", output)))
+            terminal.print(labelled("same as", shell(command, drive.argument, self.output, "-o", output)))
 
 
 def count_images(paths: Sequence[Path], folder: Path) -> str:

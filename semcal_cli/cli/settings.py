@@ -397,8 +397,8 @@ class SettingsCommand(ExampleCommand, Generic[Settings]):
 
         if getattr(self.settings, "takes_recordings", False):
             return None
-        one, several = ctx.params.get("drive"), ctx.params.get("drives") or ()
-        for path in map(Path, filter(None, (one, *several))):
+        names, several = ("drive", "a", "b"), ctx.params.get("drives") or ()
+        for path in map(Path, filter(None, (*map(ctx.params.get, names), *several))):
             source = recognise(path)
             # A folder of drives stands for several.
             if source is not None and not (several and source.num_drives):

@@ -12,7 +12,7 @@ import numpy as np
 from semcal_cli.checks import precedence
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.poses import camera_center
+from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 from semcal_cli.readable import figure, for_people, lengths
 from semcal_cli.result.refined_camera import clock_sentence, intrinsic_texts, kept_sentence
@@ -53,6 +53,7 @@ def summary_lines(calibration: CalibrationDocument, *, verbose: bool = False) ->
     rows = [
         *zip(["T_camera_lidar", "", "", ""], matrix_lines(T), strict=True),
         *pose_rows(T),
+        *_start_rows(calibration),
         *(_label_rows(calibration) if verbose else ()),
         *_uncertainty_rows(calibration.believed_uncertainty),
         *_camera_rows(calibration),
@@ -65,6 +66,16 @@ def summary_lines(calibration: CalibrationDocument, *, verbose: bool = False) ->
         ),
     ]
     return [line for label, text in rows for line in wrapped(label, text)]
+
+
+def _start_rows(calibration: CalibrationDocument) -> Rows:
+    """Describe how far a transform is from the one that it started at; a search has no such start."""
+    initial = calibration.stages.get("initial")
+    if initial is None or len(calibration.hypotheses) > 1 or len(calibration.stages) < 2:
+        return []
+    moved = compare_poses(calibration.pose, np.array(initial.T_camera_lidar))
+    rotation, center = figure(moved.rotation_deg), lengths([moved.camera_center_m])
+    return [("from the start", f"{rotation} degrees and {center} away")]
 
 
 def pose_rows(T: Pose) -> Rows:
@@ -185,8 +196,8 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
         return []
     center, rotation = uncertainty.half_width_95_camera_center_m, uncertainty.half_width_95_rotation_deg
     rows = [
-        ("95 % interval", f"camera centre x y z +- {lengths(center)}"),
-        ("", f"rotation about x y z +- {' '.join(map(figure, rotation))} degrees"),
+        ("95 % interval", f"camera centre right, down, forward +- {lengths(center)}"),
+        ("", f"rotation pitch, yaw, roll +- {' '.join(map(figure, rotation))} degrees"),
         *(("least certain", direction) for direction in uncertainty.weak_directions),
     ]
     if uncertainty.label_bleed is not None:
@@ -228,8 +239,8 @@ def _repeatability_rows(repeatability: Repeatability | None) -> Rows:
         return []
     center = repeatability.spread_camera_center_m
     return [
-        (f"{repeatability.num_seeds} seeds", f"camera centre x y z {lengths(center)}"),
-        ("", f"rotation about x y z {' '.join(map(figure, repeatability.spread_rotation_deg))} degrees"),
+        (f"{repeatability.num_seeds} seeds", f"camera centre right, down, forward {lengths(center)}"),
+        ("", f"rotation pitch, yaw, roll {' '.join(map(figure, repeatability.spread_rotation_deg))} degrees"),
         ("", "standard deviations"),
     ]
 
@@ -245,9 +256,9 @@ def _fold_rows(folds: CrossValidation | None) -> Rows:
     return [
         (
             name,
-            f"camera centre x y z {lengths(folds.spread_camera_center_m)}",
+            f"camera centre right, down, forward {lengths(folds.spread_camera_center_m)}",
         ),
-        ("", f"rotation about x y z {' '.join(map(figure, folds.spread_rotation_deg))} degrees"),
+        ("", f"rotation pitch, yaw, roll {' '.join(map(figure, folds.spread_rotation_deg))} degrees"),
         ("", f"against predicted {' '.join(map(figure, folds.pulls or ()))}"),
         ("", "standard deviations; 1 where the intervals are right"),
     ]

@@ -12,7 +12,7 @@ from semcal_cli.config.directions import Direction
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, OccupiedError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS
-from semcal_cli.files.input_files import is_same_file
+from semcal_cli.files.input_files import is_same_file, read_bytes
 from semcal_cli.files.output_files import write_bytes
 from semcal_cli.formats import bases, insertion, semcal
 from semcal_cli.formats.format import Format, FormatOptions, Source
@@ -29,6 +29,8 @@ from semcal_cli.geometry.poses import as_transform
 
 REFERENCE_DIRECTION = "--reference-direction"
 """Option of commands that may read several transforms: it counts for files that do not state their direction."""
+NUMBERS = re.compile(rb"[-+0-9.eE]*[0-9][-+0-9.eE]*|\s+")
+"""Numbers, and the spaces that align them."""
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
 
 
@@ -188,6 +190,7 @@ def convert(
     to: str,
     output: Path | str | None = None,
     *,
+    replaces: bool = True,
     from_format: str | None = None,
     read_options: FormatOptions | None = None,
     write_options: FormatOptions | None = None,
@@ -198,6 +201,7 @@ def convert(
         source: A file of any known format, or a drive with a reference. Calibrations and drives also have a camera.
         to: Name of the format to write: see `semcal convert --formats`.
         output: File to write; None writes no file.
+        replaces: Whether `output` may be a file that holds more or less than what is written, such as a whole robot.
         from_format: Name of the source's format; None recognises it by its content.
         read_options: Options for what the source leaves open, such as its direction.
         write_options: Options for what the written format leaves open.
@@ -228,10 +232,19 @@ def convert(
             raise InputError(
                 f"{source}: found no camera, expected a semcal calibration or a drive: --to {to} writes intrinsics"
             )
-    text = write_transform(extrinsic.T_camera_lidar, path, to, replace(written, intrinsics=extrinsic.camera))
+    written = replace(written, intrinsics=extrinsic.camera)
+    if path is not None and path.is_file() and not replaces:
+        made = write_transform(extrinsic.T_camera_lidar, None, to, replace(written, on_note=None))
+        if _without_numbers(read_bytes(path)) != _without_numbers(made):
+            raise OccupiedError(f"{path}: found a file that holds something else than a transform of {to}")
+    text = write_transform(extrinsic.T_camera_lidar, path, to, written)
     if record is not None and record.status == "not_trusted":
         written.note(f"{source}: the transform is not trusted; see its reasons")
     return text
+
+
+def _without_numbers(content: bytes) -> bytes:
+    return NUMBERS.sub(b"0", content)
 
 
 def set_in_file(

@@ -104,6 +104,7 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     ET.SubElement(joint, "child", link=camera)
     ET.SubElement(joint, "origin", xyz=translation, rpy=angles)
     ET.indent(joint)
+    options.note("this is a joint alone; --into robot.urdf --key JOINT sets one in a copy of a whole robot")
     return (ET.tostring(joint, encoding="unicode") + "\n").encode()
 
 

@@ -299,7 +299,7 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
             same = "all show the same scene, so whether sweeps and images belong together cannot be checked"
         notes.append(
             f"the {observations.num_frames} frames count as {counted(num_scenes, 'frame')}, because {same}: add frames "
-            "recorded while driving"
+            "from other places"
         )
     topics = {finding.topic for finding in findings_among(measured)}
     if not pose.is_clock_estimated and UNTIED_TOPIC not in topics:

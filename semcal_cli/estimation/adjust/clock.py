@@ -121,7 +121,7 @@ def notes_on_clock(data: LoadedDrive, clock: ClockUncertainty | None) -> tuple[s
         note = "the clock was not checked: the drive gives no motion"
         has_stamps = all(None not in (frame.points_stamp, frame.image_stamp) for frame in data.drive.frames)
         if has_stamps and len(set(data.observations.scenes)) > 1:
-            note += "; give motion.poses, or motion.speed_m_s for an interval that includes clock errors"
+            note += "; in drive.yaml, give motion.poses, or motion.speed_m_s for an interval that includes clock errors"
         return (note,)
     if clock is None or clock.is_exact or (clock.is_checked and abs(clock.offset_s) <= 2.0 * clock.sigma_s):
         return ()
