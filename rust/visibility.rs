@@ -90,7 +90,7 @@ impl Sweep {
 /// or slanted surfaces and range noise would occlude themselves.
 const MAX_OCCLUDER_RANGE: f64 = 0.8;
 
-/// Depth behind the camera that single precision tells, metres.
+/// Distance behind the camera, metres, beyond which single precision is certain, of coordinates up to a million metres.
 const BEHIND_M: f32 = 0.5;
 
 /// Chords of the unit sphere that differ by less are equal.

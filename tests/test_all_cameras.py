@@ -2,6 +2,7 @@
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +17,8 @@ from semcal_cli.many.rig.rig_document import find_rig
 NONE = {"info": lambda *about: None, "image": lambda *about: None}
 
 
-def grey_every_second() -> Maker:
-    """Make images of another camera that is half as fast."""
+def every_second() -> Maker:
+    """Make images of a camera that is half as fast."""
     return lambda bag, index, stamp: (
         bag.image(np.roll(COLORS, -index, 1), "bgr8", stamp) if index % 2 == 0 else None
     )
@@ -28,7 +29,7 @@ def test_all_cameras_become_a_rig_with_the_same_sweeps(tmp_path: Path, cli: Cli)
         "left/camera_info": info(),
         "left/image_raw": image(),
         "right/camera_info": info(),
-        "right/image_raw": grey_every_second(),
+        "right/image_raw": every_second(),
     }
     path = small(tmp_path, "mcap library", 12, **NONE, **cameras)
     out = tmp_path / "rig drives"
@@ -53,6 +54,58 @@ def test_all_cameras_become_a_rig_with_the_same_sweeps(tmp_path: Path, cli: Cli)
     assert {file: file.read_bytes() for file in out.rglob("*") if file.is_file()} == before
 
 
+def test_a_rig_that_is_there_is_kept_and_a_camera_that_fails_is_named(tmp_path: Path, cli: Cli) -> None:
+    cameras = {
+        "a/camera_info": info(),
+        "a/image_raw": image(),
+        "b/camera_info": info(),
+        "b/image_raw": image(),
+    }
+    path, out = small(tmp_path / "good", "mcap library", **NONE, **cameras), tmp_path / "out"
+    out.mkdir()
+    (out / "rig.yaml").write_text("cameras: {mine: mine}\n")
+    words = ["import", "bag", path, "--all-cameras", "-o", out]
+    code, _, err = cli(*words)
+    assert (code, err) == (
+        1,
+        f"semcal: error: {out / 'rig.yaml'}: found another rig; choose another -o, or --force\n",
+    )
+    assert [file.name for file in out.iterdir()] == ["rig.yaml"]
+    assert cli(*words, "--force")[0] == 0
+
+    def depth(bag: Any, index: int, stamp: int) -> Any:
+        return bag.image(COLORS[..., 0].astype("u2"), "16UC1", stamp)
+
+    # The rig of before would join the new drive of one camera with an old one of the other.
+    bad = small(tmp_path / "bad", "mcap library", **NONE, **cameras | {"b/image_raw": depth})
+    code, _, err = cli("import", "bag", bad, "--all-cameras", "-o", out, "--force")
+    assert code == 1
+    assert "/b/image_raw: " in err
+    assert "16UC1" in err
+    assert err.endswith("; the drives of a are there\n")
+    assert not (out / "rig.yaml").exists()
+    del cameras["b/camera_info"]
+    bare = small(tmp_path / "bare", "mcap library", **NONE, **cameras)
+    code, _, err = cli("import", "bag", bare, "--all-cameras", "-o", tmp_path / "none")
+    assert code == 1
+    assert "found no camera_info beside /b/image_raw, expected one for each camera" in err
+
+
+def test_the_sweeps_of_the_first_camera_are_looked_for(tmp_path: Path, cli: Cli) -> None:
+    """The cameras have an image of every second sweep, of which the first one keeps five."""
+    cameras = {
+        "left/camera_info": info(),
+        "left/image_raw": every_second(),
+        "right/camera_info": info(),
+        "right/image_raw": every_second(),
+    }
+    path, out = small(tmp_path, "mcap library", 30, **NONE, **cameras), tmp_path / "out"
+    code, _, err = cli("import", "bag", path, "--all-cameras", "--max-frames", "5", "-o", out)
+    assert code == 0, err
+    left, right = (read_drive(out / f"{name}.yaml") for name in ("left", "right"))
+    assert [frame.points for frame in right.frames] == [frame.points for frame in left.frames]
+
+
 def test_a_single_camera_is_no_rig(tmp_path: Path, cli: Cli) -> None:
     path = small(tmp_path, "mcap library")
     code, _, err = cli("import", "bag", path, "--all-cameras", "-o", tmp_path / "out")
@@ -69,6 +122,10 @@ def test_a_single_camera_is_no_rig(tmp_path: Path, cli: Cli) -> None:
         # What tells them apart is in the last part.
         (["/zed/image_left", "/zed/image_right"], ["zed_image_left", "zed_image_right"]),
         (["/a b/image", "/a_b/image"], ["camera_0", "camera_1"]),
+        # Names of the other files, and what is no name of a file.
+        (["/rig/image", "/drive/image"], ["rig_image", "drive_image"]),
+        (["/rig", "/drive"], ["camera_0", "camera_1"]),
+        (["/a/image", f"/{'b' * 300}/image"], ["camera_0", "camera_1"]),
     ],
 )
 def test_cameras_are_named_after_their_topics(topics: list[str], names: list[str]) -> None:

@@ -304,7 +304,9 @@ def test_what_to_state_is_said_of_stamped_frames_of_different_scenes(
     street: Path, street_observations: Observations
 ) -> None:
     drive, num_frames = read_drive(street), street_observations.num_frames
-    advice = "; in drive.yaml, give motion.poses, or motion.speed_m_s for an interval that includes clock errors"
+    advice = (
+        "; in drive.yaml, give motion.poses, or motion.speed_m_s for an interval that includes clock errors"
+    )
     standing = replace(street_observations, known_scenes=[0] * num_frames)
     for gaps_s, observations, expected in (
         ([0.01] * num_frames, street_observations, STANDING + advice),

@@ -120,4 +120,8 @@ def test_the_camera_of_a_file_with_several_is_named(street: Path, tmp_path: Path
         assert done.exit_code == 0, done.output
     write_transform(T, other, "semcal")
     refused = invoke("compare", calib, other, "--camera", "left")
+    assert "takes this option" not in str(refused.exception)
+    needless = invoke("compare", second, other, "--camera", "P2")
+    assert needless.exit_code == 2
+    assert "found no file that may hold several cameras" in needless.output
     assert str(refused.exception) == "--camera: found 'left', expected one of: P0, P1, P2, P3"

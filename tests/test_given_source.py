@@ -36,7 +36,7 @@ def recording(street: Path, street_truth: Pose, tmp_path: Path, monkeypatch: pyt
 
 def told_commands(err: str) -> list[list[str]]:
     """List the words of the commands that do a step alone."""
-    return [shlex.split(line) for line in re.findall(r"^alone +semcal (.*)$", err, re.MULTILINE)]
+    return [shlex.split(line) for line in re.findall(r"^same as +semcal (.*)$", err, re.MULTILINE)]
 
 
 def test_a_recording_is_enough(recording: Path, street_truth: Pose, cli: Cli) -> None:

@@ -105,18 +105,28 @@ def test_counted_work_has_a_bar_and_the_time_left(
         shown._line.refresh()
         return capsys.readouterr().err.split("\r")[-1]
 
+    def counts() -> tuple[float, float | None]:
+        assert shown._line is not None
+        return shown._line.tasks[0].completed, shown._line.tasks[0].total
+
     with shown:
         shown.on_event(Progress("refining"))
         assert "left" not in line()
         clock.now += 4.0
         shown.on_event(Progress("refining", 1, 4))
-        counted = line()
-        assert "refining, about 12 s left" in counted
-        assert "\u2501" * 5 in counted
+        assert "refining, about 12 s left" in line()
+        assert counts() == (1, 4)
         # Other work begins a new count.
         shown.on_event(Progress("assessing"))
+        assert counts() == (0, None)
         clock.now += 1.0
         shown.on_event(Progress("assessing", 3, 4))
         assert "assessing, about 1 s left" in line()
         shown.on_event(Progress("assessing", 4, 4))
         assert "left" not in line()
+        # Nothing is known of what was done before.
+        shown.on_event(Progress("accumulating", 60, 100))
+        assert "left" not in line()
+        clock.now += 2.0
+        shown.on_event(Progress("accumulating", 80, 100))
+        assert "about 2 s left" in line()

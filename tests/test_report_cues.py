@@ -3,6 +3,7 @@
 import base64
 import io
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import PIL.Image
@@ -15,9 +16,17 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.edges import NO_EDGE
 from semcal_cli.observations.observations import NO_CLASS
 from semcal_cli.report import read_report_input
-from semcal_cli.report.colors import NO_PAIR, page_colors
+from semcal_cli.report.colors import (
+    AGREES,
+    DISAGREES,
+    HIDDEN,
+    NO_EDGE_NAME,
+    NO_PAIR,
+    STEP_COLORS,
+    page_colors,
+)
 from semcal_cli.report.page_images import MAX_POINTS, make_images
-from semcal_cli.report.points import View, frame_points
+from semcal_cli.report.points import View, agreement_kinds, frame_points
 from semcal_cli.report.words import polish_sentences
 from semcal_cli.result.calibration_document import read_calibration, write_calibration
 
@@ -84,6 +93,24 @@ def test_points_without_an_edge_have_no_colour_and_make_room_for_the_others(
     assert int(((few.classes != NO_EDGE) & (few.classes != NO_CLASS)).sum()) == num_edges
     np.testing.assert_array_equal(few.indices, points.indices[np.isin(points.indices, few.indices)])
     assert len(points.thin(50).classes) == 50
+
+
+def test_steps_agree_with_the_upper_half_of_the_gradients() -> None:
+    levels = np.array([[0, 3, 4, 7, 7, NO_CLASS, 5, 5]], np.uint8)
+    steps = np.array([1, 2, 3, 4, NO_EDGE, 5, 6, NO_CLASS], np.uint8)
+    observations = SimpleNamespace(
+        point_class_names=(NO_EDGE_NAME, *STEP_COLORS),
+        image_class_names=tuple(f"gradient {level}" for level in range(8)),
+        clouds=[SimpleNamespace(classes=steps)],
+        images=[SimpleNamespace(classes=levels)],
+    )
+    seen = SimpleNamespace(
+        indices=np.arange(8),
+        pixels=np.column_stack([np.arange(8), np.zeros(8, int)]),
+        is_hidden=np.arange(8) == 6,
+    )
+    kinds = agreement_kinds(observations, 0, seen, np.ones((7, 8), bool))  # type: ignore[arg-type]
+    assert kinds.tolist() == [DISAGREES, DISAGREES, AGREES, AGREES, NO_PAIR, NO_PAIR, HIDDEN, NO_PAIR]
 
 
 def test_steps_agree_with_strong_gradients_and_less_where_the_pose_is_off(

@@ -34,7 +34,7 @@ pub struct Level {
     pub(super) factor: usize,
     /// Stride between the points used.
     pub(super) stride: usize,
-    /// The points used of each frame, once all of them are counted, whether visible or not.
+    /// The points used of each frame, gathered where `Counted::All` first needs them.
     pub(super) used: OnceLock<Vec<PointsWithClass>>,
     pub(super) objective: Objective,
 }

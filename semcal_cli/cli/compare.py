@@ -60,7 +60,11 @@ def compare(settings: CompareSettings) -> None:
     check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
     paths = [settings.b, *settings.others]
     direction, camera = settings.reference_direction, settings.camera
-    a, b, *others = (read_reference(path, direction, camera) for path in (settings.a, *paths))
+    a, b, *others = extrinsics = [
+        read_reference(path, direction, camera, has_camera_option=True) for path in (settings.a, *paths)
+    ]
+    if camera is not None and not any("camera" in each.asks for each in extrinsics):
+        raise click.UsageError(f"--camera {camera}: found no file that may hold several cameras.")
     comparisons = [difference(a, other) for other in (b, *others)]
     judged = [_checks(each, settings) for each in comparisons]
     files = [

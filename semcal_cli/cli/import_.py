@@ -311,7 +311,7 @@ class BagSettings(QuietSettings):
     points: str | None = option("Topic of the sweeps; needed if there are several.", metavar="TOPIC")
     image: str | None = option("Topic of the images; needed if there are several.", metavar="TOPIC")
     all_cameras: bool = option(
-        "Make a drive of each camera in one folder, all of the same sweeps, and a rig.yaml of them.",
+        "Make a drive of each camera in one folder, of the same sweeps where all have images, and a rig.yaml of them.",
         default=False,
     )
     camera_info: str | None = option(

@@ -45,7 +45,7 @@ class Terminal:
         self.verbose = verbose
         self._stages: list[StageDone] = []
         self._line: ProgressBar | None = None
-        self._doing, self._began_s = "", monotonic()
+        self._began, self._began_s = Progress(""), monotonic()
 
     def __enter__(self) -> Terminal:
         if self.console.is_terminal:
@@ -72,19 +72,15 @@ class Terminal:
         """Show on a terminal what is being done, how much of it is, for how long, and about how long the rest takes."""
         if self._line is None:
             return
-        now = monotonic()
-        if progress.doing != self._doing:
-            self._doing, self._began_s = progress.doing, now
-        left = ""
-        if 0 < progress.done < progress.of:
-            left_s = (now - self._began_s) / progress.done * (progress.of - progress.done)
+        now, task = monotonic(), self._line.tasks[0]
+        if progress.doing != self._began.doing:
+            self._began, self._began_s = progress, now
+        left, newly_done = "", progress.done - self._began.done
+        if newly_done > 0 and progress.done < progress.of:
+            left_s = (now - self._began_s) / newly_done * (progress.of - progress.done)
             left = f", {about(left_s)} left"
-        self._line.update(
-            self._line.task_ids[0],
-            description=progress.doing + left,
-            total=progress.of or None,
-            completed=progress.done,
-        )
+        task.total = progress.of or None  # `update` takes None for no change
+        self._line.update(task.id, description=progress.doing + left, completed=progress.done)
 
     def on_event(self, event: Event) -> None:
         """Show an event."""

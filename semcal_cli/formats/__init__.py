@@ -44,6 +44,7 @@ def read_extrinsic(
     options: FormatOptions | None = None,
     *,
     direction_option: str | None = None,
+    has_camera_option: bool = False,
 ) -> Extrinsic:
     """Read the transform of a file of any known format, or of a drive's folder, and what semcal wrote with it.
 
@@ -55,6 +56,7 @@ def read_extrinsic(
         options: Options for what the file leaves open.
         direction_option: Name that messages give to the option for the direction, for commands that have no other
             option for what a file leaves open.
+        has_camera_option: Whether such a command has an option for the camera as well.
 
     Raises:
         InputError: the content has no known format, has several formats, is wrong, or leaves something open.
@@ -83,28 +85,38 @@ def read_extrinsic(
             raise InputError(f"{beginning} in a format that `semcal convert --formats` lists") from None
         # Commands that read a transform as one input of several have at most one of these options.
         before, option, after = str(error).partition("--direction" if direction_option else "\0")
-        has_option = options is not None and options.camera is not None  # of `compare`
-        is_other = OPTION.search(before + after) and not has_option
-        convert = "; `semcal convert` takes this option" if is_other else ""
+        names = {found[1] for found in OPTION.finditer(before + after)} - (
+            {"camera"} if has_camera_option else set()
+        )
+        convert = "; `semcal convert` takes this option" if names else ""
         if "--direction lidar-to-camera" in before:
             convert = f"; first: `semcal convert {path} --direction lidar-to-camera --to semcal -o T.yaml`"
         raise type(error)(f"{before}{option and direction_option}{after}{convert}") from None
-    return Extrinsic(T_camera_lidar, source)
+    return Extrinsic(T_camera_lidar, source, format.asks)
 
 
-def read_reference(path: Path | str, direction: Direction | None, camera: str | None = None) -> Extrinsic:
+def read_reference(
+    path: Path | str,
+    direction: Direction | None,
+    camera: str | None = None,
+    *,
+    has_camera_option: bool = False,
+) -> Extrinsic:
     """Read a transform as `read_extrinsic` does, with options that count only for a file that leaves them open.
 
     Args:
         path: The file.
         direction: Direction of a matrix.
         camera: Name of the camera in a file that may hold several.
+        has_camera_option: Whether the user can name it.
 
     Raises:
         InputError: see `read_extrinsic`.
     """
     options = FormatOptions(direction, camera=camera)
-    return read_extrinsic(path, None, options, direction_option=REFERENCE_DIRECTION)
+    return read_extrinsic(
+        path, None, options, direction_option=REFERENCE_DIRECTION, has_camera_option=has_camera_option
+    )
 
 
 def read_transform(
@@ -227,7 +239,7 @@ def convert(
         content = Source.read(drive_file(source))
         if not semcal.FORMAT.recognises(content):
             _check_form(content)
-        extrinsic, record = Extrinsic(np.eye(4), content), None
+        extrinsic, record = Extrinsic(np.eye(4), content, ()), None
         if extrinsic.camera is None or from_format not in (None, semcal.FORMAT.name):
             raise InputError(
                 f"{source}: found no camera, expected a semcal calibration or a drive: --to {to} writes intrinsics"

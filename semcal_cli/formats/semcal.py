@@ -79,6 +79,8 @@ class Extrinsic:
     T_camera_lidar: Pose
     """(4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres."""
     source: Source
+    asks: tuple[str, ...]
+    """What files of this format leave open, by the names of options: see `Format`."""
 
     @cached_property
     def record(self) -> CalibrationDocument | None:

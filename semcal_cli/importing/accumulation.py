@@ -129,7 +129,8 @@ class Accumulation:
             # The image nearest to the middle of the sweeps that follow has as many of them before it as after.
             middle = self._places[start] + 0.5 * self._length
             place, index = min(left, key=lambda image: abs(self._places[image[0]] - middle))
-            self.on_event(Progress("accumulating sweeps", place, len(self._sweeps)))
+            num_left = sum(end - begin for begin, end in (*free, (start, stop)))
+            self.on_event(Progress("accumulating sweeps", len(self._sweeps) - num_left, len(self._sweeps)))
             fitted = self._around(place, start, stop)
             # What is before the cloud comes next, then what is after it.
             free += [(max(fitted, default=place) + 1, stop), (start, min(fitted, default=place))]

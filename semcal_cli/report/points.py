@@ -100,7 +100,7 @@ def agreement_kinds(
 ) -> npt.NDArray[np.intp]:
     """Return the index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label.
 
-    Points with a step agree with a gradient of the upper half of the levels; those without a step say nothing alone.
+    Points with a step agree with a gradient of the upper half of the levels; others are not judged.
     """
     point_classes = observations.clouds[frame].classes[projection.indices]
     pixel_classes = at_pixels(observations.images[frame].classes, projection.pixels)

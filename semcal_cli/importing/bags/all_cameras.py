@@ -7,16 +7,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from semcal_cli.drive.document import RIG_FILE, output_drive_file
-from semcal_cli.errors import InputError
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, output_drive_file
+from semcal_cli.errors import InputError, OccupiedError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.files.documents import document_text
+from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import write_text
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.bag_import import ImportedDrive, import_bag
 from semcal_cli.importing.bags.messages import Topic
 from semcal_cli.importing.bags.topics import TRANSPORTS, BagRequest, topics_of_cameras
 
+OTHER_FILES = {Path(RIG_FILE).stem, Path(DRIVE_FILE).stem, "rig_calibration"}
+"""Names of files beside those of the cameras, and of the result of a rig."""
+MAX_NAME = 60
+"""Longest name of a camera: longer ones are no names of files on every file system."""
 NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.-]+")
 
 
@@ -25,8 +30,8 @@ def import_cameras(
 ) -> dict[str, ImportedDrive]:
     """Make the drive that is asked for, or one of each camera in one folder and a rig.yaml of them, written last.
 
-    All drives of a rig have the sweeps that its first camera, by the name of its topic, leads to. An error leaves the
-    drives of the cameras before.
+    All drives of a rig have the sweeps that its first camera, by the name of its topic, leads to, as far as each has
+    images there. An error leaves the drives of the cameras before, and no rig.yaml.
 
     Args:
         request: The recording, and the user's choices for each camera.
@@ -45,31 +50,58 @@ def import_cameras(
     if not is_rig:
         return {"": import_bag(request, out, on_event, force=force)}
     if output_drive_file(out) == out:
-        raise InputError(f"{out}: found a file, expected a folder for the drives of all cameras")
+        raise InputError(f"{out}: found the name of a file, expected a folder for the drives of all cameras")
     with Bag(request.paths) as bag:
         images = topics_of_cameras(bag, request)
     if len(images) < 2:
         raise InputError(
             f"{request.paths[0]}: found images of {images[0].name} alone; leave out --all-cameras"
         )
+    names, path = camera_names(images), out / RIG_FILE
+    document = {"semcal_rig": 1, "cameras": {name: f"{name}.yaml" for name in names}}
+    content = document_text(document, "yaml")
+    _check_rig_file(path, content, force=force)
     done: dict[str, ImportedDrive] = {}
-    for name, topic in zip(camera_names(images), images, strict=True):
-        of_camera = replace(request, image=topic.name)
-        if done:
-            of_camera = replace(of_camera, sweeps_ns=frozenset(next(iter(done.values())).sweeps_ns))
-        done[name] = import_bag(of_camera, out / f"{name}.yaml", on_event, force=force)
-    document = {"semcal_rig": 1, "cameras": {name: f"{name}.yaml" for name in done}}
-    write_text(document_text(document, "yaml"), out / RIG_FILE)
+    for name, topic in zip(names, images, strict=True):
+        first = next(iter(done.values()), None)
+        of_camera = replace(request, image=topic.name, sweeps_ns=None if first is None else first.sweeps_ns)
+        try:
+            done[name] = import_bag(of_camera, out / f"{name}.yaml", on_event, force=force)
+        except InputError as error:
+            kept = f"; the drives of {', '.join(done)} are there" if done else ""
+            raise InputError(f"{topic.name}: {error}{kept}") from None
+        if first is None:
+            # From here on, a rig that was there would join new drives and old ones.
+            path.unlink(missing_ok=True)
+    write_text(content, path)
     return done
 
 
+def _check_rig_file(path: Path, content: str, *, force: bool) -> None:
+    """Check, before the work begins, that the rig.yaml of an import replaces no other.
+
+    Raises:
+        InputError: a folder or a link is in its place, or another rig and `force` is not set.
+    """
+    if is_folder(path):
+        raise InputError(f"{path}: is a folder, expected a file to write to")
+    if path.is_symlink():
+        raise InputError(f"{path}: found a link, expected a file or nothing")
+    if path.exists() and not force and path.read_bytes() != content.encode():
+        raise OccupiedError(f"{path}: found another rig")
+
+
 def camera_names(images: Sequence[Topic]) -> list[str]:
-    """Name cameras after the part of their topics that tells them apart: `front` for `/front/image_raw/compressed`."""
+    """Name cameras after the part of their topics that tells them apart: `front` for `/front/image_raw/compressed`.
+
+    They are numbered where that is too long, or the name of another file.
+    """
     parts = [[part for part in topic.name.split("/") if part] for topic in images]
     short = [_without_image(each) for each in parts]
     for named in (short, parts):
         names = [NOT_IN_NAMES.sub("_", "_".join(each)).strip("_.-") for each in named]
-        if all(names) and len({name.lower() for name in names}) == len(names):
+        files = {name.lower() for name in names} - {"", *OTHER_FILES}
+        if len(files) == len(names) and max(map(len, names)) <= MAX_NAME:
             return names
     return [f"camera_{index}" for index in range(len(images))]
 

@@ -70,8 +70,8 @@ class ImportedDrive(NamedTuple):
     """Number of sweeps in the recording."""
     left_out: Counter[str]
     """Number of sweeps, images and pairs that were read and left out, by kind and reason."""
-    sweeps_ns: tuple[int, ...]
-    """Stamps of the sweeps that were chosen, nanoseconds."""
+    sweeps_ns: dict[int, int]
+    """Stamps of the sweeps that were chosen, and when these were received, nanoseconds."""
 
 
 def import_bag(
@@ -208,7 +208,8 @@ class _Import:
             labels_by=None,
         )
         written = write_drive(recording, Options(), self.path, force=True)
-        sweeps_ns = tuple(candidate.pair.sweep_ns for candidate in chosen)
+        pairs = [candidate.pair for candidate in chosen]
+        sweeps_ns = {pair.sweep_ns: pair.sweep.received_ns for pair in pairs}
         return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out, sweeps_ns)
 
     def _read_sweeps(self, start_ns: int, stop_ns: int) -> Iterator[Message]:

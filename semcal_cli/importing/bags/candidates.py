@@ -76,6 +76,8 @@ class Spool:
 def wanted_times(bag: Bag, topics: Topics, request: BagRequest) -> list[int]:
     """Choose the times of receipt near which pairs are searched; nanoseconds, ascending."""
     span = topics.points.span
+    if request.sweeps_ns is not None:
+        return sorted(request.sweeps_ns.values())
     if request.every_s is not None:
         times_ns = range(span.first_ns, span.last_ns + 1, max(round(request.every_s * NS), 1))
         count = request.max_frames or len(times_ns)

@@ -90,7 +90,7 @@ def write_frames(
     written = []
     with ThreadPoolExecutor(NUM_WRITERS) as workers:
         for index, result in enumerate(workers.map(written_frame, chosen)):
-            on_event(Progress("writing frames", index + 1, len(chosen)))
+            on_event(Progress("writing frames", index, len(chosen)))
             if isinstance(result, MessageError):
                 left_out[f"pairs: {result}"] += 1
             else:

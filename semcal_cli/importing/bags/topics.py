@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,8 +71,9 @@ class BagRequest:
     """How the LiDAR turns, which gives the times of points that have none."""
     around_s: float | None = None
     """Also keep all sweeps within half of this time from each frame, without images, seconds."""
-    sweeps_ns: frozenset[int] | None = None
-    """Stamps of the sweeps to take, where another camera has chosen them; None chooses them."""
+    sweeps_ns: Mapping[int, int] | None = None
+    """Stamps of the sweeps to take, where another camera has chosen them, and when these were received; None chooses
+    them."""
 
 
 @dataclass(frozen=True)
@@ -180,9 +181,15 @@ def topics_of_cameras(bag: Bag, request: BagRequest) -> list[Topic]:
 
     Raises:
         ChoiceError: there are several topics of sweeps.
-        InputError: there are none, or none of images.
+        InputError: there are none, or none of images, or images have no intrinsics beside them.
     """
     sweeps, images = _pairs(bag, request)
+    for image in images:
+        if _info_beside(bag, image) is None:
+            raise InputError(
+                f"{bag.paths[0]}: found no camera_info beside {image.name}, expected one for each camera; import the "
+                "cameras one by one with --image and --camera-info or --intrinsics"
+            )
     if len(sweeps) > 1:
         choices = [("--points", topic.name) for topic in sweeps]
         found = f"{bag.paths[0]}: found {counted(len(sweeps), 'topic')} of sweeps"
@@ -236,7 +243,8 @@ def _several(bag: Bag, request: BagRequest, sweeps: Sequence[Topic], images: Seq
         for topics, kind in ((sweeps, "sweeps"), (images, "images"))
     )
     expected = f"one pair: {listed(map(' '.join, pairs))}"
-    all_cameras = [(ALL_CAMERAS,)] if len(sweeps) == 1 else []
+    is_open = request.intrinsics is None and request.camera_info is None and request.around_s is None
+    all_cameras = [(ALL_CAMERAS,)] if is_open and len(sweeps) == 1 else []
     return ChoiceError(f"{bag.paths[0]}: found {counts}", expected, [*pairs, *all_cameras])
 
 

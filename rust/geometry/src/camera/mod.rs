@@ -151,8 +151,11 @@ impl Camera {
     }
 
     /// Cosine of an incidence angle beyond which nothing is inside the image: -1 if that is unknown, as where the lens
-    /// does not reach the border of the image.
+    /// does not reach the border of the image, or sees straight back, so that the border need not see farthest.
     pub fn view_cosine(&self) -> f64 {
+        if self.project(&-Vector3::z()).is_some() {
+            return -1.0;
+        }
         let (right, bottom) = (self.width as f64 - 0.5, self.height as f64 - 0.5);
         let along = |fraction: f64, end: f64| fraction * (end + 0.5) - 0.5;
         let on_border = (0..=VIEW_RAYS).map(|ray| ray as f64 / VIEW_RAYS as f64).flat_map(|fraction| {

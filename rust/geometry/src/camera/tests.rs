@@ -77,7 +77,10 @@ fn jacobians_are_those_of_finite_differences() {
 #[test]
 fn nothing_beyond_the_view_is_in_the_image() {
     const STEPS: i32 = 200;
-    for camera in cameras() {
+    // Less than a turn, with what is straight back in its middle and not on its border.
+    let k = [[1280.0 / TAU, 0.0, -0.5], [0.0, 1280.0 / TAU, 119.5], [0.0, 0.0, 1.0]];
+    let backward = Camera::new("equirectangular", (900, 240), k, &[]).expect("a valid camera");
+    for camera in cameras().into_iter().chain([backward]) {
         let (min_cosine, mut least) = (camera.view_cosine(), 1.0f64);
         for (i, j) in (0..=STEPS).flat_map(|i| (0..STEPS).map(move |j| (i, j))) {
             let ray = at(PI * f64::from(i) / f64::from(STEPS), TAU * f64::from(j) / f64::from(STEPS));
