@@ -118,7 +118,7 @@ def test_a_single_camera_is_no_rig(tmp_path: Path, cli: Cli) -> None:
     ("topics", "names"),
     [
         (["/front/image_raw", "/rear/image_raw/compressed"], ["front", "rear"]),
-        (["/rig/cam0/image_rect", "/rig/cam1/image_rect"], ["rig_cam0", "rig_cam1"]),
+        (["/rig/cam0/image_rect", "/rig/cam1/image_rect"], ["cam0", "cam1"]),
         # What tells them apart is in the last part.
         (["/zed/image_left", "/zed/image_right"], ["zed_image_left", "zed_image_right"]),
         (["/a b/image", "/a_b/image"], ["camera_0", "camera_1"]),

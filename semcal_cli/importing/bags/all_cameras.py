@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -97,7 +98,8 @@ def camera_names(images: Sequence[Topic]) -> list[str]:
     They are numbered where that is too long, or the name of another file.
     """
     parts = [[part for part in topic.name.split("/") if part] for topic in images]
-    short = [_without_image(each) for each in parts]
+    num_common = len(os.path.commonprefix(parts))
+    short = [_without_image(each[num_common:]) for each in parts]
     for named in (short, parts):
         names = [NOT_IN_NAMES.sub("_", "_".join(each)).strip("_.-") for each in named]
         files = {name.lower() for name in names} - {"", *OTHER_FILES}
