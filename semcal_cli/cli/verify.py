@@ -177,9 +177,11 @@ def _print(verification: Verification, *, verbose: bool) -> None:
     for check in verification.checks:
         click.echo(_check_line(check, verification.word(check)))
     reasons = shown_reasons(verification.reasons, verification.topics, verbose=verbose)
-    for sentence in (*reasons, *verification.notes, verification.sentence):
-        for line in wrapped("", sentence, indent=0):
-            click.echo(line)
+    rows = [*(("reason", reason) for reason in reasons), *(("note", note) for note in verification.notes)]
+    lines = [line for label, sentence in rows for line in wrapped(label, sentence)]
+    if not verification.is_reasoned:
+        lines += wrapped("", verification.sentence, indent=0)
+    click.echo("\n".join(lines))
     num = precedence.leading(verification.topics).num
     decisive = (
         f"{num} reason{'s' * (num > 1)}, see above"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -98,7 +97,8 @@ def camera_names(images: Sequence[Topic]) -> list[str]:
     They are numbered where that is too long, or the name of another file.
     """
     parts = [[part for part in topic.name.split("/") if part] for topic in images]
-    num_common = len(os.path.commonprefix(parts))
+    differs = [len({*column}) > 1 for column in zip(*parts, strict=False)]
+    num_common = (*differs, True).index(True)
     short = [_without_image(each[num_common:]) for each in parts]
     for named in (short, parts):
         names = [NOT_IN_NAMES.sub("_", "_".join(each)).strip("_.-") for each in named]
