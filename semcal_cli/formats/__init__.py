@@ -13,7 +13,7 @@ from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, OccupiedError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS
 from semcal_cli.files.input_files import is_same_file, read_bytes
-from semcal_cli.files.output_files import write_bytes
+from semcal_cli.files.output_files import descriptor, write_bytes
 from semcal_cli.formats import bases, insertion, semcal
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.format_table import (
@@ -245,7 +245,7 @@ def convert(
                 f"{source}: found no camera, expected a semcal calibration or a drive: --to {to} writes intrinsics"
             )
     written = replace(written, intrinsics=extrinsic.camera)
-    if path is not None and path.is_file() and not replaces:
+    if path is not None and path.is_file() and descriptor(path) is None and not replaces:
         made = write_transform(extrinsic.T_camera_lidar, None, to, replace(written, on_note=None))
         if _without_numbers(read_bytes(path)) != _without_numbers(made):
             raise OccupiedError(f"{path}: found a file that holds something else than a transform of {to}")
