@@ -17,6 +17,15 @@ from semcal_cli.many.rig.rig_document import find_rig
 NONE = {"info": lambda *about: None, "image": lambda *about: None}
 
 
+def cameras(**images: Maker) -> dict[str, Maker]:
+    """Give each camera its intrinsics and its images, by topic."""
+    return {
+        topic: maker
+        for name, images_of in images.items()
+        for topic, maker in ((f"{name}/camera_info", info()), (f"{name}/image_raw", images_of))
+    }
+
+
 def every_second() -> Maker:
     """Make images of a camera that is half as fast."""
     return lambda bag, index, stamp: (
@@ -25,13 +34,8 @@ def every_second() -> Maker:
 
 
 def test_all_cameras_become_a_rig_with_the_same_sweeps(tmp_path: Path, cli: Cli) -> None:
-    cameras = {
-        "left/camera_info": info(),
-        "left/image_raw": image(),
-        "right/camera_info": info(),
-        "right/image_raw": every_second(),
-    }
-    path = small(tmp_path, "mcap library", 12, **NONE, **cameras)
+    topics = cameras(left=image(), right=every_second())
+    path = small(tmp_path, "mcap library", 12, **NONE, **topics)
     out = tmp_path / "rig drives"
     code, _, err = cli("import", "bag", path, "--all-cameras", "--max-frames", "6", "-o", out)
     assert code == 0, err
@@ -55,13 +59,8 @@ def test_all_cameras_become_a_rig_with_the_same_sweeps(tmp_path: Path, cli: Cli)
 
 
 def test_a_rig_that_is_there_is_kept_and_a_camera_that_fails_is_named(tmp_path: Path, cli: Cli) -> None:
-    cameras = {
-        "a/camera_info": info(),
-        "a/image_raw": image(),
-        "b/camera_info": info(),
-        "b/image_raw": image(),
-    }
-    path, out = small(tmp_path / "good", "mcap library", **NONE, **cameras), tmp_path / "out"
+    topics = cameras(a=image(), b=image())
+    path, out = small(tmp_path / "good", "mcap library", **NONE, **topics), tmp_path / "out"
     out.mkdir()
     (out / "rig.yaml").write_text("cameras: {mine: mine}\n")
     words = ["import", "bag", path, "--all-cameras", "-o", out]
@@ -77,15 +76,15 @@ def test_a_rig_that_is_there_is_kept_and_a_camera_that_fails_is_named(tmp_path: 
         return bag.image(COLORS[..., 0].astype("u2"), "16UC1", stamp)
 
     # The rig of before would join the new drive of one camera with an old one of the other.
-    bad = small(tmp_path / "bad", "mcap library", **NONE, **cameras | {"b/image_raw": depth})
+    bad = small(tmp_path / "bad", "mcap library", **NONE, **cameras(a=image(), b=depth))
     code, _, err = cli("import", "bag", bad, "--all-cameras", "-o", out, "--force")
     assert code == 1
     assert "/b/image_raw: " in err
     assert "16UC1" in err
     assert err.endswith("; the drives of a are there\n")
     assert not (out / "rig.yaml").exists()
-    del cameras["b/camera_info"]
-    bare = small(tmp_path / "bare", "mcap library", **NONE, **cameras)
+    del topics["b/camera_info"]
+    bare = small(tmp_path / "bare", "mcap library", **NONE, **topics)
     code, _, err = cli("import", "bag", bare, "--all-cameras", "-o", tmp_path / "none")
     assert code == 1
     assert "found no camera_info beside /b/image_raw, expected one for each camera" in err
@@ -93,13 +92,8 @@ def test_a_rig_that_is_there_is_kept_and_a_camera_that_fails_is_named(tmp_path: 
 
 def test_the_sweeps_of_the_first_camera_are_looked_for(tmp_path: Path, cli: Cli) -> None:
     """The cameras have an image of every second sweep, of which the first one keeps five."""
-    cameras = {
-        "left/camera_info": info(),
-        "left/image_raw": every_second(),
-        "right/camera_info": info(),
-        "right/image_raw": every_second(),
-    }
-    path, out = small(tmp_path, "mcap library", 30, **NONE, **cameras), tmp_path / "out"
+    topics = cameras(left=every_second(), right=every_second())
+    path, out = small(tmp_path, "mcap library", 30, **NONE, **topics), tmp_path / "out"
     code, _, err = cli("import", "bag", path, "--all-cameras", "--max-frames", "5", "-o", out)
     assert code == 0, err
     left, right = (read_drive(out / f"{name}.yaml") for name in ("left", "right"))
