@@ -5,6 +5,7 @@
 //! other continues behind it. Comparison along the scan follows Levinson and Thrun, *Automatic Online Calibration
 //! of Cameras and Lasers* (RSS 2013), who match range steps within a ring against image edges.
 
+use std::cmp::Ordering;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use geometry::angles::{azimuth, elevation, from_angles};
@@ -32,6 +33,9 @@ const MAX_GAP: f64 = 7.0;
 /// KITTI object, from 0.0325 to 0.0366 on 15 of KITTI raw, and from 0.180 to 0.182 with a VLP-16; 0.2 adds nothing.
 /// Behind a gap the next return says nothing of where the surface ended.
 const RANGE_STEP: f64 = 0.35;
+
+/// Number of rays that are tried before all of a row are searched.
+const AHEAD: usize = 8;
 
 /// Smallest cosine of an elevation: at the poles azimuths are meaningless.
 const MIN_COSINE: f64 = 1e-3;
@@ -64,8 +68,7 @@ pub fn steps(sweeps: &[Scanned], same_surface_m: f64) -> Vec<Steps> {
 
 fn of_sweep(points: &[[f32; 3]], intensity: Option<&[f32]>, same_surface_m: f64) -> Steps {
     let rays = Rays::of(points);
-    let neighbours: Vec<[Option<Neighbour>; 2]> =
-        (0..rays.sorted.len()).into_par_iter().map(|at| rays.neighbours(at)).collect();
+    let neighbours = rays.neighbours();
     let spacing = median_distance(&neighbours);
     let mut steps = Steps {
         range_m: vec![f32::NAN; points.len()],
@@ -106,6 +109,7 @@ struct Ray {
     azimuth: f64,
     elevation: f64,
     range: f64,
+    row: usize,
     /// Index among all points of the sweep.
     index: usize,
 }
@@ -151,68 +155,109 @@ impl Rays {
     fn of(points: &[[f32; 3]]) -> Self {
         let ray = |(index, point): (usize, &[f32; 3])| {
             let point = to_f64(point);
+            let (azimuth, elevation) = (azimuth(&point), elevation(&point));
             is_return(&point).then(|| Ray {
-                azimuth: azimuth(&point),
-                elevation: elevation(&point),
+                azimuth,
+                elevation,
                 range: point.norm(),
+                row: row(elevation),
                 index,
             })
         };
         let mut sorted: Vec<Ray> = points.iter().enumerate().filter_map(ray).collect();
         sorted.sort_unstable_by(|a, b| {
-            (row(a.elevation), a.azimuth, a.index)
-                .partial_cmp(&(row(b.elevation), b.azimuth, b.index))
-                .unwrap_or(std::cmp::Ordering::Equal)
+            let by_azimuth = || a.azimuth.partial_cmp(&b.azimuth).unwrap_or(Ordering::Equal);
+            a.row.cmp(&b.row).then_with(by_azimuth).then(a.index.cmp(&b.index))
         });
         let num_rows = row(FRAC_PI_2) + 1;
         let mut starts = vec![0; num_rows + 1];
-        sorted.iter().for_each(|ray| starts[row(ray.elevation) + 1] += 1);
+        sorted.iter().for_each(|ray| starts[ray.row + 1] += 1);
         (0..num_rows).for_each(|row| starts[row + 1] += starts[row]);
         Self { sorted, starts }
     }
 
-    /// Neighbours of a ray towards larger azimuths, and towards smaller ones.
-    fn neighbours(&self, at: usize) -> [Option<Neighbour>; 2] {
-        let ray = &self.sorted[at];
-        let reach_rows = ((HEIGHT_TOLERANCE + SLOPE * REACH) / ROW).ceil() as usize;
-        let own = row(ray.elevation);
-        let mut neighbours = [None, None];
-        let last = self.starts.len() - 2;
-        // Nearer rows first: a ray of a farther row is at least as far away as that row, so a nearer neighbour
-        // rules it out.
-        let rows = (0..=reach_rows).flat_map(|away| {
+    /// Neighbours of each ray towards larger azimuths, and towards smaller ones.
+    fn neighbours(&self) -> Vec<[Option<Neighbour>; 2]> {
+        let of_row = |row: usize| {
+            let mut rows = RowsAround::of(self, row);
+            self.row(row).iter().map(move |ray| rows.neighbours(ray))
+        };
+        (0..self.starts.len() - 1).into_par_iter().flat_map_iter(of_row).collect()
+    }
+
+    fn row(&self, row: usize) -> &[Ray] {
+        &self.sorted[self.starts[row]..self.starts[row + 1]]
+    }
+}
+
+/// The rows in reach of one row, nearer ones first.
+struct RowsAround<'a> {
+    rows: Vec<RowAround<'a>>,
+}
+
+/// A row in reach, and where in it the search for the last ray began on each side: that for the next ray begins near by.
+struct RowAround<'a> {
+    rays: &'a [Ray],
+    /// Index of the first among the sorted rays.
+    start: usize,
+    /// Distance, radians of arc, of the nearest neighbour that the row may have.
+    nearest: f64,
+    begun: [usize; 2],
+}
+
+impl<'a> RowsAround<'a> {
+    fn of(rays: &'a Rays, own: usize) -> Self {
+        let reach = ((HEIGHT_TOLERANCE + SLOPE * REACH) / ROW).ceil() as usize;
+        let last = rays.starts.len() - 2;
+        let numbers = (0..=reach).flat_map(|away| {
             let below = own.checked_sub(away);
             let above = (away > 0 && own + away <= last).then_some(own + away);
             below.into_iter().chain(above).map(move |row| (away, row))
         });
-        for (away, row) in rows {
-            let nearest = ((away as f64 - 1.0) * ROW - HEIGHT_TOLERANCE) / SLOPE;
+        let around = |(away, row): (usize, usize)| RowAround {
+            rays: rays.row(row),
+            start: rays.starts[row],
+            nearest: ((away as f64 - 1.0) * ROW - HEIGHT_TOLERANCE) / SLOPE,
+            begun: [0; 2],
+        };
+        Self { rows: numbers.map(around).filter(|row| !row.rays.is_empty()).collect() }
+    }
+
+    /// Neighbours of a ray towards larger azimuths, and towards smaller ones.
+    fn neighbours(&mut self, ray: &Ray) -> [Option<Neighbour>; 2] {
+        let across = ray.elevation.cos().max(MIN_COSINE);
+        let mut neighbours = [None, None];
+        // A ray of a farther row is at least as far away as that row, so a nearer neighbour rules it out.
+        for row in &mut self.rows {
             for (side, nearest_yet) in neighbours.iter_mut().enumerate() {
                 let within = nearest_yet.map_or(REACH, |best: Neighbour| best.distance);
-                if nearest_yet.is_none() || within >= nearest {
-                    *nearest_yet = self.neighbour_in_row(ray, row, side, within).or(*nearest_yet);
+                if nearest_yet.is_none() || within >= row.nearest {
+                    *nearest_yet = row.neighbour(ray, across, side, within).or(*nearest_yet);
                 }
             }
         }
         neighbours
     }
+}
 
-    /// Neighbour of a ray on one side in a row, within a distance in radians of arc.
-    fn neighbour_in_row(&self, ray: &Ray, row: usize, side: usize, within: f64) -> Option<Neighbour> {
-        let rays = &self.sorted[self.starts[row]..self.starts[row + 1]];
-        let across = ray.elevation.cos().max(MIN_COSINE);
+impl RowAround<'_> {
+    /// Neighbour of a ray on one side, within a distance in radians of arc. At its elevation, azimuths are `across` times
+    /// as far apart.
+    fn neighbour(&mut self, ray: &Ray, across: f64, side: usize, within: f64) -> Option<Neighbour> {
+        let count = self.rays.len();
         let least = MIN_ANGLE / across;
         // Rays nearer than `least` are skipped at once, however many there are.
-        let first = wrapped(ray.azimuth + if side == 0 { least } else { -least });
-        let middle = rays.partition_point(|other| other.azimuth < first);
-        for step in 0..rays.len() {
+        let middle = self.first_from(wrapped(ray.azimuth + if side == 0 { least } else { -least }), side);
+        for step in 0..count {
             let place = match side {
-                0 => (middle + step) % rays.len(),
-                _ => (middle + rays.len() - 1 - step) % rays.len(),
+                0 if middle + step < count => middle + step,
+                0 => middle + step - count,
+                _ if middle > step => middle - step - 1,
+                _ => middle + count - step - 1,
             };
-            let other = &rays[place];
+            let other = &self.rays[place];
             let turn = if side == 0 { other.azimuth - ray.azimuth } else { ray.azimuth - other.azimuth };
-            let turn = turn.rem_euclid(TAU);
+            let turn = if turn < 0.0 { turn + TAU } else { turn };
             let distance = turn * across;
             // The skipped rays come after a whole turn; round-off puts none of the first there.
             if turn < 0.5 * least || turn > TAU - least || distance > within {
@@ -220,10 +265,20 @@ impl Rays {
             }
             let height = (other.elevation - ray.elevation).abs();
             if distance > MIN_ANGLE && height <= HEIGHT_TOLERANCE + SLOPE * distance {
-                return Some(Neighbour { at: self.starts[row] + place, distance });
+                return Some(Neighbour { at: self.start + place, distance });
             }
         }
         None
+    }
+
+    /// Index of the first ray whose azimuth is not smaller, from where the search on this side began before.
+    fn first_from(&mut self, azimuth: f64, side: usize) -> usize {
+        let begun = &mut self.begun[side];
+        let is_before = |ray: &Ray| ray.azimuth < azimuth;
+        let ahead = self.rays[*begun..].iter().take(AHEAD).take_while(|ray| is_before(ray)).count();
+        let is_near = ahead < AHEAD && (*begun == 0 || is_before(&self.rays[*begun - 1]));
+        *begun = if is_near { *begun + ahead } else { self.rays.partition_point(is_before) };
+        *begun
     }
 }
 

@@ -71,7 +71,7 @@ impl Sweep {
             let points = seen.indices.iter().map(|&index| (index as usize, &self.points[index as usize]));
             return (project_points(camera, points, pose), seen.hidden);
         }
-        let projected = project_sweep(camera, self, pose);
+        let projected = project_points(camera, self.iter().enumerate(), pose);
         let hidden = Arc::new(hidden(camera, self, origin, &projected));
         let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());
         let hidden_then = Arc::clone(&hidden);
@@ -97,24 +97,19 @@ const BEHIND_M: f32 = 0.5;
 const ROUND_OFF: f64 = 1e-9;
 
 /// Projects points (metres, LiDAR frame), given with their indices, and keeps those inside the image, in their order.
+///
+/// Most points of a sweep are far outside the image, where no lens is needed to tell.
 pub fn project_points<'a>(
     camera: &Camera,
     points: impl IntoIterator<Item = (usize, &'a [f32; 3])>,
     t_camera_lidar: &Isometry3<f64>,
 ) -> Vec<Projected> {
-    let to_camera = to_camera(t_camera_lidar);
-    project(camera, points.into_iter().map(|(index, point)| (index, to_camera(point))))
-}
-
-/// Projects all points of a sweep, as [`project_points`] does. Most are far outside the image, where no lens is needed
-/// to tell.
-fn project_sweep(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<Projected> {
     let (to_camera, min_cosine) = (to_camera(t_camera_lidar), camera.view_cosine());
     let axis = t_camera_lidar.rotation.inverse_transform_vector(&Vector3::z()).map(|x| x as f32);
     // Metres; a point this far behind the camera is there in single precision, too.
     let behind = -t_camera_lidar.translation.z as f32 - BEHIND_M;
     let is_behind = |[x, y, z]: [f32; 3]| axis.x * x + axis.y * y + axis.z * z < behind;
-    let left = points.iter().enumerate().filter(|(_, point)| min_cosine < 0.0 || !is_behind(**point));
+    let left = points.into_iter().filter(|(_, point)| min_cosine < 0.0 || !is_behind(**point));
     let in_camera = left.map(|(index, point)| (index, to_camera(point)));
     project(camera, in_camera.filter(|(_, p_camera)| p_camera.z >= min_cosine * p_camera.norm()))
 }
@@ -126,11 +121,10 @@ fn to_camera(t_camera_lidar: &Isometry3<f64>) -> impl Fn(&[f32; 3]) -> Vector3<f
 }
 
 /// Projects points (metres, camera frame), given with their indices, and keeps those inside the image, in their order.
-fn project(camera: &Camera, points: impl Iterator<Item = (usize, Vector3<f64>)>) -> Vec<Projected> {
+fn project(camera: &Camera, mut points: impl Iterator<Item = (usize, Vector3<f64>)>) -> Vec<Projected> {
     let project = |(index, p_camera): (usize, Vector3<f64>)| {
         camera.project(&p_camera).map(|pixel| Projected { index, pixel, p_camera })
     };
-    let mut points = points;
     let (mut run, mut projected) = (Vec::with_capacity(RUN), Vec::new());
     loop {
         run.clear();
