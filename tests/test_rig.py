@@ -301,7 +301,7 @@ def test_cameras_that_share_no_clouds_are_no_rig(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump({"semcal_rig": 1, "cameras": cameras}))
     assert str(run(path, "-o", tmp_path / "out").exception) == (
         f"{path}: cameras: found no cloud of 'left' and 'right' among those of 'front' and 'rear', "
-        "expected drives that name the same clouds, because the cameras of a rig share one LiDAR"
+        "expected drives that name the same clouds, or `constraints` between them: the cameras of a rig share one LiDAR"
     )
     assert not (tmp_path / "out").exists()
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
 from semcal_cli.cli.jobs import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
@@ -23,12 +24,13 @@ from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.files.point_clouds import SweepCache
+from semcal_cli.many.rig.adjustment import STAGE, adjust, adjusted_calibration
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
 from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.many.rig.rig_page import rig_page_html
 from semcal_cli.observations.loading import load
 from semcal_cli.result.applied import apply_result
-from semcal_cli.result.calibration_document import CalibrationDocument
+from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.result.uncertainty import intervals
 from semcal_cli.threads import set_num_threads
@@ -91,7 +93,15 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
         raise CalibrationError(failure_sentence(failures, len(drives)))
-    result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different)
+    adjustment = None
+    if rig.constraints:
+        adjustment, found = adjust(cameras, rig.constraints)
+        for name, (T, uncertainty) in found.items():
+            if not np.array_equal(T, cameras[name].pose):
+                data = load(cameras[name].applied_to(drives[name]), config, sweeps=sweeps).unrolled(T)
+                cameras[name] = adjusted_calibration(cameras[name], data.observations, T, uncertainty)
+                write_calibration(cameras[name], folder / f"{name}.yaml")
+    result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different, adjustment)
     _write(result_of_rig, rig, drives, result, hashes)
     if settings.log is not None:
         logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
@@ -167,12 +177,27 @@ def _write(
 def _lines(calibration: RigCalibration, result: Path) -> list[str]:
     """Describe the result of the whole rig."""
     num_frames = sum(len(camera.input.frames) for camera in calibration.cameras.values())
+    adjustment = calibration.adjustment
+    constraints = (
+        [] if adjustment is None else [each.sentence for each in adjustment.constraints if each.is_kept]
+    )
     return [
+        *(line for sentence in constraints for line in wrapped("constraint", sentence)),
+        *(line for name in calibration.cameras for line in _adjusted_lines(name, calibration)),
         *(line for pair in calibration.pairs for line in _pair_lines(pair)),
         labelled("sweeps", f"{calibration.num_sweeps:,} for {num_frames:,} frames"),
         *(line for note in calibration.notes for line in wrapped("note", note)),
         labelled("written to", str(result)),
     ]
+
+
+def _adjusted_lines(name: str, calibration: RigCalibration) -> list[str]:
+    """Describe how constraints moved a camera, and how well it is known since."""
+    camera = calibration.cameras[name]
+    if STAGE not in camera.stages or camera.believed_uncertainty is None:
+        return []
+    center, rotation = intervals(camera.believed_uncertainty.half_widths)
+    return [*wrapped(name, camera.notes[-1]), labelled("95 % interval", center), labelled("", rotation)]
 
 
 def _pair_lines(pair: CameraPair) -> list[str]:
@@ -189,13 +214,16 @@ def _pair_lines(pair: CameraPair) -> list[str]:
 
 
 def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:
-    """Print the verdict on a rig, with the cameras that caused it."""
+    """Print the verdict on a rig, with the cameras or constraints that caused it."""
+    for constraint in calibration.contradictions:
+        terminal.print(*wrapped("doubt", constraint.reason))
     if calibration.status == "trusted":
         cameras = counted(len(calibration.cameras), "camera")
         terminal.print_verdict(verdict_line("trusted", cameras), "trusted")
         return
     worst = calibration.failures or [
-        name for name, camera in calibration.cameras.items() if camera.status == calibration.status
+        *(name for name, camera in calibration.cameras.items() if camera.status == calibration.status),
+        *(f"the constraint of {each.to} and {each.source}" for each in calibration.contradictions),
     ]
     terminal.print_verdict(
         verdict_line(calibration.status, ", ".join(worst)),

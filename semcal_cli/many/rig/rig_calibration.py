@@ -7,8 +7,9 @@ With errors xi_a and xi_b on the left of the two transforms, to first order
     exp(xi_a) T_a_lidar (exp(xi_b) T_b_lidar)^-1 = exp(xi_a - Ad(T_a_b) xi_b) T_a_b
 
 The covariance is the sum of that of xi_a and that of xi_b, mapped by the adjoint of T_a_b (Barfoot, *State Estimation
-for Robotics*, 2017, section 7.3). The two errors are taken as independent. Cameras that see the same points share
-errors of the point labels, which partly cancel, so the covariance is too large rather than too small.
+for Robotics*, 2017, section 7.3). The two errors are taken as independent unless constraints tie the cameras
+(`adjustment`). Cameras that see the same points share errors of the point labels, which partly cancel, so that the
+covariance is too large rather than too small.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ import numpy as np
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import PoseError, compare_poses, inverse, quaternion_xyzw
 from semcal_cli.geometry.twists import adjoint
+from semcal_cli.many.rig.adjustment import Adjustment, ComparedConstraint
 from semcal_cli.many.rig.rig_document import Rig
 from semcal_cli.readable import figure, lengths
 from semcal_cli.result.calibration_document import CalibrationDocument, Status
@@ -127,18 +129,28 @@ class RigCalibration:
     """Transform between each two cameras."""
     num_sweeps: int
     """Number of different clouds that were read."""
+    adjustment: Adjustment | None = None
+    """What all cameras and the constraints between them say together; None without constraints."""
+
+    @property
+    def contradictions(self) -> tuple[ComparedConstraint, ...]:
+        """Constraints that the cameras contradict."""
+        compared = () if self.adjustment is None else self.adjustment.constraints
+        return tuple(constraint for constraint in compared if not constraint.is_kept)
 
     @property
     def status(self) -> str:
-        """The worst status of all cameras: `failed`, or that of a calibration."""
+        """The worst status of all cameras: `failed`, or that of a calibration; `not_trusted` by a wrong constraint."""
         if self.failures:
             return "failed"
-        return min((calibration.status for calibration in self.cameras.values()), key=WORST_FIRST.index)
+        statuses = [calibration.status for calibration in self.cameras.values()]
+        return min([*statuses, *(["not_trusted"] if self.contradictions else [])], key=WORST_FIRST.index)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Findings and errors of all cameras, each preceded by the camera's name."""
+        """Findings and errors of all cameras, each preceded by the camera's name, and constraints that are wrong."""
         return (
+            *(constraint.reason for constraint in self.contradictions),
             *(f"{name}: {reason}" for name, reason in self.failures.items()),
             *(
                 f"{name}: {reason}"
@@ -166,6 +178,7 @@ def combine(
     cameras: Mapping[str, CalibrationDocument],
     failures: Mapping[str, str],
     num_sweeps: int,
+    adjustment: Adjustment | None = None,
 ) -> RigCalibration:
     """Combine the calibrations of a rig's cameras, and compare each pair with the reference of the rig or the drives.
 
@@ -175,6 +188,7 @@ def combine(
         cameras: Calibration of each camera that has one.
         failures: Error of each camera that has no calibration.
         num_sweeps: Number of different clouds that were read.
+        adjustment: What all cameras and constraints say together, which the calibrations follow already.
     """
     pairs = []
     for a, b in combinations(cameras, 2):
@@ -183,8 +197,9 @@ def combine(
             reference = Reference(T_a_b, rig.path.name)
         elif T_a is not None and T_b is not None:
             reference = Reference(np.array(T_a) @ inverse(np.array(T_b)), "T_camera_lidar of both drives")
-        pairs.append(make_pair(a, cameras[a], b, cameras[b], reference))
-    return RigCalibration(cameras, failures, tuple(pairs), num_sweeps)
+        of_both = None if adjustment is None else adjustment.covariance_of(a, b)
+        pairs.append(make_pair(a, cameras[a], b, cameras[b], reference, of_both))
+    return RigCalibration(cameras, failures, tuple(pairs), num_sweeps, adjustment)
 
 
 def make_pair(
@@ -193,6 +208,7 @@ def make_pair(
     b: str,
     calibration_b: CalibrationDocument,
     reference: Reference | None = None,
+    covariance_of_both: Matrix | None = None,
 ) -> CameraPair:
     """Compute the transform between two cameras and its uncertainty.
 
@@ -202,6 +218,7 @@ def make_pair(
         b: Name of the second camera.
         calibration_b: CalibrationDocument of the second camera.
         reference: Reference transform to compare with.
+        covariance_of_both: (12, 12) covariance of the twists of a and b; None if they are independent.
     """
     T_a_b = calibration_a.pose @ inverse(calibration_b.pose)
     uncertainty, uncertainty_a, uncertainty_b = None, calibration_a.uncertainty, calibration_b.uncertainty
@@ -213,6 +230,9 @@ def make_pair(
         degrees = np.array([*uncertainty_a.degrees_of_freedom, *uncertainty_b.degrees_of_freedom])
         degrees_of_freedom = variances.sum(axis=1) ** 2 / (variances**2 / degrees).sum(axis=1)
         covariance = covariance_a + Ad @ covariance_b @ Ad.T
+        if covariance_of_both is not None:
+            slope = np.hstack([np.eye(6), -Ad])
+            covariance = slope @ covariance_of_both @ slope.T
         uncertainty = Uncertainty.from_covariance(T_a_b, covariance, degrees_of_freedom)
     is_doubted = "not_trusted" in (calibration_a.status, calibration_b.status)
     return CameraPair(a, b, T_a_b, uncertainty, reference, is_doubted)
@@ -246,6 +266,7 @@ def describe_rig(
         "notes": list(rig.notes),
         "cameras": cameras,
         "pairs": [pair.describe() for pair in rig.pairs],
+        **({} if rig.adjustment is None else {"adjustment": rig.adjustment.model_dump()}),
         "num_sweeps": rig.num_sweeps,
         "input": {"rig": source, "sha256": dict(hashes)},
         "versions": versions(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Hashable, Iterable, Mapping
@@ -19,17 +20,44 @@ from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_dri
 from semcal_cli.errors import InputError, describe, mismatch, one_of
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder, open_file, read_bytes, size_of
-from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, length, validate
+from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.geometry.poses import inverse, nearest_rigid
 
 RESULT = "rig_calibration"
 """Name of the result of the whole rig, next to the results of its cameras."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+MAX_SIGMA_M, MAX_SIGMA_DEG = 10.0, 180.0
+"""Largest standard deviations of a constraint: more says nothing."""
 SAMPLE_BYTES = 65_536
 """Number of bytes in the middle of a file that, with its size, identify copies. No two sweeps agree in them."""
 _CameraGroup: TypeAlias = tuple[list[str], set[Hashable]]
 """Names of cameras, and what identifies their clouds."""
+
+
+class Constraint(StrictModel):
+    """Known transform between two cameras, as from a stereo calibration, with its standard deviations."""
+
+    source: str = Field(alias="from")
+    """Camera from whose frame the transform leads."""
+    to: str
+    """Camera to whose frame it leads."""
+    T_to_from: StatedTransform
+    """The transform in metres, p_to = T_to_from * p_from."""
+    sigma_m: Annotated[float, Field(gt=0.0, le=MAX_SIGMA_M)]
+    """Standard deviation of the position along each axis, in metres."""
+    sigma_deg: Annotated[float, Field(gt=0.0, le=MAX_SIGMA_DEG)]
+    """Standard deviation of the rotation about each axis, in degrees."""
+
+    @property
+    def pose(self) -> Pose:
+        """The transform (4, 4), without round-off in its rotation."""
+        return nearest_rigid(np.array(self.T_to_from))
+
+    @property
+    def variances(self) -> Numbers:
+        """Variances (6,) of a twist on the left of the transform, square metres and radians."""
+        return np.repeat([self.sigma_m, math.radians(self.sigma_deg)], 3) ** 2
 
 
 class Rig(StrictModel):
@@ -42,6 +70,9 @@ class Rig(StrictModel):
     T_camera_camera: dict[str, dict[str, StatedTransform]] = {}
     """Reference transforms between cameras, for comparison only. The entry b under a is T_a_b in metres, with
     p_a = T_a_b * p_b, as from a stereo calibration."""
+
+    constraints: Annotated[tuple[Constraint, ...], length(0, MAX_CAMERAS)] = ()
+    """Known transforms between cameras, to which their calibrations are adjusted."""
 
     _path: Path = PrivateAttr(default=Path(RIG_FILE))
 
@@ -80,6 +111,28 @@ class Rig(StrictModel):
                     )
         return self
 
+    @model_validator(mode="after")
+    def _check_constraints(self) -> Rig:
+        pairs = set[frozenset[str]]()
+        for index, constraint in enumerate(self.constraints):
+            pair = frozenset({constraint.source, constraint.to})
+            for name in sorted(pair):
+                if name not in self.cameras:
+                    raise ValueError(
+                        f"constraints[{index}]: found camera {describe(name)}, expected {one_of(name, self.cameras)}"
+                    )
+            if len(pair) < 2:
+                raise ValueError(
+                    f"constraints[{index}]: found {constraint.to!r} twice, expected two different cameras"
+                )
+            if pair in pairs:
+                raise ValueError(
+                    f"constraints[{index}]: found a second one of {constraint.to!r} and {constraint.source!r}, "
+                    "expected one for two cameras"
+                )
+            pairs.add(pair)
+        return self
+
     @property
     def path(self) -> Path:
         """The file that was read."""
@@ -111,14 +164,19 @@ class Rig(StrictModel):
                     f"{self._path}: cameras: found different `lidar` blocks in the drives of {first!r} and {name!r}, "
                     "expected the same LiDAR"
                 )
-        group, *other_groups = connected_cameras(drives) or [[]]
+        constrained = [[constraint.source, constraint.to] for constraint in self.constraints]
+        groups = merge_overlapping(
+            (names, set[Hashable](names)) for names in [*connected_cameras(drives), *constrained]
+        )
+        group, *other_groups = [list(dict.fromkeys(names)) for names, _ in groups] or [[]]
         if other_groups:
             separate, connected = (
                 " and ".join(map(repr, names)) for names in (chain.from_iterable(other_groups), group)
             )
             raise InputError(
                 f"{self._path}: cameras: found no cloud of {separate} among those of {connected}, "
-                "expected drives that name the same clouds, because the cameras of a rig share one LiDAR"
+                "expected drives that name the same clouds, or `constraints` between them: the cameras of a rig share "
+                "one LiDAR"
             )
         return drives
 
@@ -183,10 +241,10 @@ def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
     files = {
         name: {cloud_path(drive, frame.points) for frame in drive.frames} for name, drive in drives.items()
     }
-    groups = _merge_overlapping(([name], set[Hashable](files[name])) for name in drives)
+    groups = merge_overlapping(([name], set[Hashable](files[name])) for name in drives)
     if len(groups) > 1:
         clouds = [(names, set().union(*(files[name] for name in names))) for names, _ in groups]
-        groups = _merge_overlapping(
+        groups = merge_overlapping(
             (names, {_content_key(path) for path in paths})
             for names, paths in clouds
             if all(os.access(path, os.R_OK) and path.is_file() for path in paths)
@@ -210,7 +268,7 @@ def _content_key(path: Path) -> tuple[int, bytes]:
         return size, sha256(file.read(SAMPLE_BYTES)).digest()
 
 
-def _merge_overlapping(groups: Iterable[_CameraGroup]) -> list[_CameraGroup]:
+def merge_overlapping(groups: Iterable[_CameraGroup]) -> list[_CameraGroup]:
     """Join the groups whose clouds overlap."""
     merged: list[_CameraGroup] = []
     for names, clouds in groups:

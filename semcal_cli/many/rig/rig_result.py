@@ -11,6 +11,7 @@ from semcal_cli.errors import InputError, listed
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
+from semcal_cli.many.rig.adjustment import Adjustment
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine
 from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.result.applied import apply_result
@@ -49,6 +50,8 @@ class RigResult(StrictModel):
     """Transform between each pair of cameras; it is recomputed when needed."""
     num_sweeps: int
     """Number of different clouds that were read."""
+    adjustment: Adjustment | None = None
+    """What all cameras and the constraints between them say together; absent without constraints."""
     input: dict[str, Any]
     """The rig.yaml, and the hashes of the files that were read."""
     versions: dict[str, str]
@@ -119,4 +122,4 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
             raise InputError(
                 f"{file}: found a T_camera_lidar that differs from that in {path}, expected files of one run"
             )
-    return combine(rig, drives, cameras, failures, result.num_sweeps)
+    return combine(rig, drives, cameras, failures, result.num_sweeps, result.adjustment)
