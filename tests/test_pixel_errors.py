@@ -1,6 +1,7 @@
 """Errors in the image: against samples, closed forms and the headline, for plane and wide lenses."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from conftest import make_pose
 
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.geometry.twists import apply_motion, apply_twist, rotation_matrix
+from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.result.pixel_errors import (
     ELLIPSE_95,
     RANGES_M,
@@ -143,6 +145,15 @@ def test_the_map_and_the_headline_say_one_thing() -> None:
     # Student's t: 2.776 with four degrees of freedom instead of 1.960.
     assert at_10_m.ahead_px == pytest.approx(2.7764451 / 1.959964 * plain)
     assert at_10_m.median_px < at_10_m.worst_px
+
+
+def test_a_result_states_its_errors_in_the_image(made: Path) -> None:
+    """Those of the camera that it belongs to."""
+    record = read_calibration(made / "c.yaml")
+    assert record.uncertainty is not None
+    assert [errors.range_m for errors in record.uncertainty.in_image] == [*RANGES_M]
+    without = record.uncertainty.model_copy(update={"in_image": ()})
+    assert without.with_pixels(record.used_camera) == record.uncertainty
 
 
 def test_the_difference_of_two_calibrations_is_that_of_their_points() -> None:

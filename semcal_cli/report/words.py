@@ -62,8 +62,8 @@ def verdict_of(record: CalibrationDocument) -> PageVerdict:
     return PageVerdict(record.status, TITLES[record.status], sentence, figures, reasons)
 
 
-def uncertainty_sentences(record: CalibrationDocument, camera: Camera) -> list[str]:
-    """Describe how uncertain a pose is, and how far that moves points in the image."""
+def uncertainty_sentences(record: CalibrationDocument) -> list[str]:
+    """Describe how uncertain a pose is."""
     if record.uncertainty is None:
         return [f"Its error is unknown: {_why_unknown(record)}."]
     if record.believed_uncertainty is None:
