@@ -128,7 +128,8 @@ def _draw(error_map: pixel_errors.PixelMap, levels: Numbers, axes: Axes) -> None
     """Draw bands of colour with labelled contours between them; places that the lens does not show stay empty."""
     columns, rows = error_map.columns, error_map.rows
     errors = np.ma.masked_invalid(error_map.errors_px)
-    axes.set(xlim=columns[[0, -1]], ylim=rows[[-1, 0]], xlabel="u, pixels", ylabel="v, pixels")
+    axes.set(xlim=columns[[0, -1]], ylim=rows[[-1, 0]], xlabel="u, pixels")
+    axes.set_ylabel("v", rotation=0.0)
     axes.locator_params(axis="x", nbins=5)
     axes.locator_params(axis="y", nbins=4)
     axes.grid(visible=False)
@@ -138,7 +139,7 @@ def _draw(error_map: pixel_errors.PixelMap, levels: Numbers, axes: Axes) -> None
         return
     contours = axes.contour(columns, rows, errors, inner, colors=LINE_COLOR, linewidths=1.0)
     boxes: list[Bbox] = []
-    for text in axes.clabel(contours, fmt="%g px", inline=False, colors=INK, fontsize=10.0):
+    for text in axes.clabel(contours, fmt="%g px", inline=False, colors=INK, fontsize=11.0):
         text.set(rotation=0.0, bbox={"facecolor": PAPER, "edgecolor": "none", "boxstyle": "round,pad=0.15"})
         _move_inside(text, axes)
         box = text.get_window_extent().padded(LABEL_GAP)
