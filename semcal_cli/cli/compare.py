@@ -169,4 +169,4 @@ def _image_lines(comparison: Comparison) -> list[str]:
 def _pixels(value: float | None) -> str:
     from semcal_cli.readable import figure
 
-    return "-" if value is None else f"{figure(value)} px"
+    return "-" if value is None else f"{figure(round(value, 3))} px"

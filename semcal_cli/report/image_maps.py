@@ -74,13 +74,16 @@ def maps_file(maps: Sequence[pixel_errors.PixelMap], title: str, format: Literal
     levels, (width, height) = _levels(maps), _size(maps[0])
     is_wide = width > WIDE * height
     num_rows, num_columns = (len(maps), 1) if is_wide else (1, len(maps))
-    inches = INCHES if is_wide else 0.6 * INCHES
+    inches = INCHES if is_wide else 0.7 * INCHES
     size = num_columns * inches + 1.0, num_rows * (inches * height / width + 0.7) + 0.4
 
     def draw(figure: Figure) -> None:
         all_axes = figure.subplots(num_rows, num_columns, squeeze=False).ravel().tolist()
         for axes, error_map in zip(all_axes, maps, strict=True):
-            axes.set_title(f"{error_map.range_m:g} m away: {_note(error_map)}", loc="left", fontsize=10.0)
+            between = ": " if is_wide else "\n"
+            axes.set_title(
+                f"{error_map.range_m:g} m away{between}{_note(error_map)}", loc="left", fontsize=9.5
+            )
             axes.set_aspect("equal")
             _draw(error_map, levels, axes)
         colorbar = partial(figure.colorbar, ax=all_axes, label="pixels", fraction=0.05, aspect=40.0)
@@ -93,8 +96,14 @@ def maps_file(maps: Sequence[pixel_errors.PixelMap], title: str, format: Literal
 
 def _note(error_map: pixel_errors.PixelMap) -> str:
     """Name the errors straight ahead, of the median, and at the worst place."""
-    ahead = "" if error_map.ahead_px is None else f"straight ahead {in_digits(error_map.ahead_px)}, "
-    return f"{ahead}median {in_digits(error_map.median_px)}, worst {in_digits(error_map.worst_px)} pixels"
+    errors_px = {
+        "straight ahead": error_map.ahead_px,
+        "median": error_map.median_px,
+        "worst": error_map.worst_px,
+    }
+    # Round-off is nothing to read.
+    texts = [f"{name} {in_digits(round(px, 3))}" for name, px in errors_px.items() if px is not None]
+    return f"{', '.join(texts)} pixels"
 
 
 def _size(error_map: pixel_errors.PixelMap) -> tuple[float, float]:
@@ -129,7 +138,7 @@ def _draw(error_map: pixel_errors.PixelMap, levels: Numbers, axes: Axes) -> None
     columns, rows = error_map.columns, error_map.rows
     errors = np.ma.masked_invalid(error_map.errors_px)
     axes.set(xlim=columns[[0, -1]], ylim=rows[[-1, 0]], xlabel="u, pixels")
-    axes.set_ylabel("v", rotation=0.0)
+    axes.set_ylabel("v", rotation=0.0, loc="top")
     axes.locator_params(axis="x", nbins=5)
     axes.locator_params(axis="y", nbins=4)
     axes.grid(visible=False)
