@@ -1,6 +1,9 @@
 """Numbers beside what is allowed: with digits that tell them apart, and judged by what is known of them."""
 
 import csv
+import json
+import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +11,15 @@ import pytest
 from commands import invoke
 
 from semcal_cli.errors import format_against_limit
+from semcal_cli.files.documents import document_text
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import PoseError
+from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.pipeline.comparison import Axis, Comparison
 from semcal_cli.pipeline.verdict import Verdict
+from semcal_cli.result.calibration_document import pose_forms, read_calibration
+from semcal_cli.result.pixel_errors import RANGES_M
 
 
 @pytest.mark.parametrize(
@@ -102,6 +109,41 @@ def test_several_transforms_are_compared_with_the_first(street: Path, tmp_path: 
     assert plot.read_text().startswith("<?xml")
     assert invoke("compare", street, files[0], "--csv", files[0]).exit_code == 1
     assert invoke("compare", street, *files, "--plot", tmp_path / "t.pdf").exit_code == 1
+
+
+def test_a_difference_is_shown_in_the_image(made: Path, street: Path, tmp_path: Path) -> None:
+    """Beside what the intervals allow, if both are known and believed."""
+    record, moved = read_calibration(made / "c.yaml"), tmp_path / "moved.yaml"
+    assert record.uncertainty is not None
+    turned = pose_forms(apply_twist(record.pose, np.array([0.0, 0.0, 0.0, 0.0, 0.004, 0.0])))
+    moved.write_text(document_text(record.model_dump() | turned, "yaml"))
+    differences = json.loads(invoke("compare", made / "c.yaml", moved, "--json").stdout)["in_image"]
+    assert [difference["range_m"] for difference in differences] == [*RANGES_M]
+    for difference, of_one in zip(differences, record.uncertainty.in_image, strict=True):
+        # A turn moves points at all ranges alike.
+        assert difference["ahead_px"] == pytest.approx(0.004 * record.used_camera.K[0][0], rel=1e-3)
+        assert difference["ahead_px"] < difference["worst_px"]
+        assert difference["allowed_ahead_px"] == pytest.approx(math.sqrt(2.0) * (of_one.ahead_px or 0.0))
+        assert difference["allowed_worst_px"] <= math.sqrt(2.0) * of_one.worst_px * (1.0 + 1e-9)
+    plot = tmp_path / "map.svg"
+    text = invoke("compare", made / "c.yaml", moved, "--plot", plot).stdout
+    assert re.search(r"\n10 m away +[\d.]+ px +[\d.]+ px +[\d.]+ px and [\d.]+ px\n", text)
+    assert plot.read_text().startswith("<?xml")
+    wider = moved.read_text().replace(f"width: {record.used_camera.width}\n", "width: 4000\n")
+    (tmp_path / "wider.yaml").write_text(wider)
+    assert "m away" not in invoke("compare", made / "c.yaml", tmp_path / "wider.yaml").stdout
+    moved.write_text(moved.read_text().replace("status: trusted", "status: not_trusted"))
+    assert re.search(r"\n10 m away +[\d.]+ px +[\d.]+ px\n", invoke("compare", made / "c.yaml", moved).stdout)
+
+
+def test_a_bare_transform_is_seen_by_the_camera_of_the_other_file(street: Path, tmp_path: Path) -> None:
+    """Two of them have none, and their plot is that of several files."""
+    for name in ("a.yaml", "b.yaml"):
+        write_transform(read_transform(street), tmp_path / name, "semcal")
+    assert "10 m away" in invoke("compare", tmp_path / "a.yaml", street).stdout
+    bare = invoke("compare", tmp_path / "a.yaml", tmp_path / "b.yaml", "--plot", tmp_path / "bars.png")
+    assert (bare.exit_code, "m away" in bare.stdout) == (0, False)
+    assert (tmp_path / "bars.png").stat().st_size > 0
 
 
 def test_the_camera_of_a_file_with_several_is_named(street: Path, tmp_path: Path) -> None:

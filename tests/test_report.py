@@ -29,7 +29,7 @@ from semcal_cli.report.colors import class_colors
 from semcal_cli.report.figures import class_agreements, information_curves
 from semcal_cli.report.notations import files, notations
 from semcal_cli.report.template import Reason
-from semcal_cli.report.words import NOT_BELIEVED, uncertainty_sentences, verdict, verdict_of
+from semcal_cli.report.words import NOT_BELIEVED, map_sentences, uncertainty_sentences, verdict, verdict_of
 from semcal_cli.result.calibration_document import read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -290,23 +290,29 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
         }
     )
     camera = report.observations.camera
-    first, second, weak = uncertainty_sentences(
-        record.model_copy(update={"uncertainty": uncertainty}), camera
-    )
+    uncertain = record.model_copy(update={"uncertainty": uncertainty})
+    first, weak = uncertainty_sentences(uncertain)
+    reading, meaning = map_sentences(uncertain, camera)
     assert "2.0 cm" in first
     assert "4.1 cm up or down" in first
     assert "0.23 in yaw" in first
     twists = np.random.default_rng(0).multivariate_normal(np.zeros(6), covariance, 20_000)
-    stated = re.findall(r"([\d.]+) pixels at (\d+) m", second)
-    assert len(stated) == 2
-    for radius_px, depth_m in np.array(stated, float):
-        ahead = np.array([0.0, 0.0, depth_m])
-        moved = ahead + twists[:, :3] + np.cross(twists[:, 3:], ahead)
-        pixels = core_camera(camera).project(np.vstack([ahead, moved]))
+    ahead_px, worst_px = map(float, re.findall(r"within ([\d.]+) pixels", reading))
+    corner_px = np.array([[0.0, 0.0], camera.size]) - [[0.0, 0.0], [1.0, 1.0]]
+    rays = np.vstack([[0.0, 0.0, 1.0], core_camera(camera).unproject(corner_px)])
+    for ray, radius_px in zip(rays, (ahead_px, worst_px, worst_px), strict=True):
+        moved = 10.0 * ray + twists[:, :3] + np.cross(twists[:, 3:], 10.0 * ray)
+        pixels = core_camera(camera).project(np.vstack([10.0 * ray, moved]))
         within = np.linalg.norm(pixels[1:] - pixels[0], axis=1) <= radius_px
         assert 0.94 < within.mean() < 0.995
+    assert meaning.endswith("in the worst direction.")
+    of_K = uncertainty.model_copy(update={"covariance_of_intrinsics": uncertainty.covariance})
+    with_K = map_sentences(record.model_copy(update={"uncertainty": of_K}), camera)[-1]
+    assert with_K.endswith("although both largely cancel in the image.")
     assert weak == "Least certain: in roll: +- 0.30 degrees; add frames."
-    (nothing,) = uncertainty_sentences(record.model_copy(update={"uncertainty": None}), camera)
+    unknown = record.model_copy(update={"uncertainty": None})
+    assert map_sentences(unknown, camera) == []
+    (nothing,) = uncertainty_sentences(unknown)
     assert nothing.startswith("Its error is unknown")
 
 
@@ -321,6 +327,13 @@ def test_a_page_states_no_interval_that_is_not_believed(made: Path, street: Path
         write_calibration(calibration, tmp_path / "c.yaml")
         pages.append(page_of(street, tmp_path / "c.yaml", tmp_path))
     assert read_calibration(tmp_path / "c.yaml").uncertainty == record.uncertainty
-    shown = ("(95 %)", "pixels at 10 m", "two standard errors:", 'class="band"', "1 pixel and fx and fy")
-    assert [[text in page for text in shown] for page in pages] == [[True] * 5, [False] * 5]
+    shown = (
+        "(95 %)",
+        "at the worst place",
+        "In the image",
+        "two standard errors:",
+        'class="band"',
+        "1 pixel and fx and fy",
+    )
+    assert [[text in page for text in shown] for page in pages] == [[True] * 6, [False] * 6]
     assert [NOT_BELIEVED in page for page in pages] == [False, True]

@@ -333,14 +333,12 @@ def test_nothing_that_was_determined_is_said_in_words(record: CalibrationDocumen
     ]
 
 
-def test_intervals_include_what_is_not_known_of_an_estimated_K(
-    record: CalibrationDocument, right: Camera
-) -> None:
+def test_intervals_include_what_is_not_known_of_an_estimated_K(record: CalibrationDocument) -> None:
     assert any(
         sentence.endswith(
             "K was estimated together with the pose, and the intervals include its uncertainty."
         )
-        for sentence in uncertainty_sentences(record, right)
+        for sentence in uncertainty_sentences(record)
     )
 
 

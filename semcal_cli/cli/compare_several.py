@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from semcal_cli.geometry.poses import PoseError
+    from semcal_cli.pipeline.comparison import Comparison
     from semcal_cli.pipeline.verdict import Verdict
 
 PLOT_INCHES = 8.0, 4.0
@@ -72,6 +73,17 @@ def write_csv(files: Sequence[ComparedFile], path: Path) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerows([COLUMNS, *(file.row() for file in files)])
     write_text(text.getvalue(), path)
+
+
+def write_maps(comparison: Comparison, a: str, b: str, path: Path) -> None:
+    """Draw how far apart two transforms put the same points, over the image."""
+    from semcal_cli.report import image_maps
+
+    names = [Path(name).name for name in (a, b)]
+    if names[0] == names[1]:  # results of a batch have one name
+        names = [a, b]
+    title = f"Difference in the image, {printable(names[1])} from {printable(names[0])}"
+    write_bytes(image_maps.maps_file(comparison.maps, title, PLOTS[path.suffix.lower()]), path)
 
 
 def write_plot(files: Sequence[ComparedFile], path: Path) -> None:

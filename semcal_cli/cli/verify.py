@@ -157,14 +157,14 @@ def _illustrate(
     """Write the page and the images of a verification, if requested."""
     from semcal_cli.cli.outputs import count_images
     from semcal_cli.events import Progress
-    from semcal_cli.report.page import both_overlays, write_verification
+    from semcal_cli.report import page
 
     if outputs.page is not None:
         terminal.on_event(Progress("drawing points on images"))
-        write_verification(verification, data, initial_pose, outputs.page)
+        page.write_verification(verification, data, initial_pose, outputs.page)
         terminal.print_paths("report", [outputs.page])
     if outputs.images is not None:
-        overlays = both_overlays(verification, data, initial_pose)
+        overlays = page.both_overlays(verification, data, initial_pose)
         terminal.print(count_images([*overlays.write_all(outputs.images)], outputs.images))
 
 

@@ -49,7 +49,7 @@ def make_calibration(
     if stages.cross_validation is not None:
         options["num_folds"] = stages.cross_validation.num_folds
     settings = {"options": to_jsonable_python(options), "seed": config.seed, "versions": versions()}
-    return CalibrationDocument.from_pose(
+    calibration = CalibrationDocument.from_pose(
         stages.T_camera_lidar,
         status="not_trusted" if findings else "not_assessed" if assessment is None else "trusted",
         reasons=tuple(finding.sentence for finding in findings),
@@ -69,6 +69,10 @@ def make_calibration(
         input=describe_input(data.drive, files_of(data.cues)),
         settings=Settings.model_validate(settings),
     )
+    if calibration.uncertainty is None:
+        return calibration
+    in_image = calibration.uncertainty.with_pixels(calibration.used_camera)
+    return calibration.model_copy(update={"uncertainty": in_image})
 
 
 def _hypothesis(mounting: Mounting) -> Hypothesis:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, SOFT, LINE, ACCENT = "#1b1f24", "#5b6470", "#dfe3e8", "#0072b2"
+INK, SOFT, LINE, ACCENT, PAPER = "#1b1f24", "#5b6470", "#dfe3e8", "#0072b2", "#ffffff"
 GOOD, BAD, OPEN = "#00795a", "#b34700", "#6b5d00"
 AXIS_COLORS = "#d55e00", "#009e73", ACCENT
 """Colours of the axes x, y and z."""
@@ -25,6 +25,7 @@ VARIABLES = {
     SOFT: "--soft",
     LINE: "--line",
     ACCENT: "--accent",
+    PAPER: "--paper",
     GOOD: "--good-ink",
     BAD: "--bad-ink",
     OPEN: "--open-ink",
@@ -72,7 +73,13 @@ class Plot:
     """What it shows, in words."""
 
 
-def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None], top: float = TOP) -> Markup:
+def page_svg(
+    name: str,
+    size: tuple[float, float],
+    draw: Callable[[Axes], None],
+    top: float = TOP,
+    behind: str = "",
+) -> Markup:
     """Draw one diagram as an element of a page.
 
     Artists with a `gid` become a group of that class.
@@ -82,6 +89,7 @@ def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None],
         size: Width and height in pixels, which the page may scale.
         draw: Draws on the axes.
         top: Margin above the axes, pixels.
+        behind: Elements of SVG behind the diagram.
     """
     width, height = size
     # Ids are hashes of the content: each drawing in a page needs its own salt.
@@ -102,7 +110,7 @@ def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None],
     for color, variable in VARIABLES.items():
         content = content.replace(color, f"var({variable})")
     head = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(name)}">'
-    return Markup(f"{head}\n{content}</svg>")
+    return Markup(f"{head}{behind}\n{content}</svg>")
 
 
 def figure_file(

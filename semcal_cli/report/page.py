@@ -25,6 +25,7 @@ from semcal_cli.pipeline.verdict import overall_offsets
 from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import first_coloring
+from semcal_cli.report.drawing import Plot
 from semcal_cli.report.figures import (
     class_agreements,
     curve_plots,
@@ -33,9 +34,10 @@ from semcal_cli.report.figures import (
     information_curves,
     pixels_plot,
 )
+from semcal_cli.report.image_maps import map_plots
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import T_notation, files, notations
-from semcal_cli.report.overlays import Overlays
+from semcal_cli.report.overlays import Overlays, image_of
 from semcal_cli.report.page_images import MAX_FRAMES, make_images
 from semcal_cli.report.points import View
 from semcal_cli.report.template import PageVerdict, link_reasons, render_page
@@ -134,6 +136,7 @@ def _draw_content(report: ReportInput, progress: Callable[[str], None]) -> dict[
         progress("drawing points on images")
         images = make_images(report.overlays(MAX_FRAMES))
         progress("computing the mutual information along six axes")
+        maps = pool.submit(_map_errors, report)
         curves = information_curves(observations, T, record.believed_uncertainty if record else None)
         plots = pool.submit(curve_plots, curves)
         cloud = pool.submit(frame_cloud, report)
@@ -146,12 +149,25 @@ def _draw_content(report: ReportInput, progress: Callable[[str], None]) -> dict[
         pixels = frame_pixels(observations, T, offsets)
     return {
         "images": images,
+        "maps": maps.result(),
         "plots": plots.result(),
         "cloud": asdict(cloud.result()),
         "of_frames": offsets,
         "pixels_of_frames": None if pixels is None or np.isnan(pixels).all() else pixels,
         "num_parts": len(parts),
     }
+
+
+def _map_errors(report: ReportInput) -> list[Plot]:
+    """Map the interval over the image, on the photograph of the first frame; empty without an interval."""
+    uncertainty = None if report.record is None else report.record.believed_uncertainty
+    if uncertainty is None:
+        return []
+    maps = [each for each in uncertainty.pixel_maps(report.observations.camera) if not each.is_empty]
+    if not maps:
+        return []
+    image, is_photograph = image_of(report.drive, report.observations, 0)
+    return map_plots(maps, image if is_photograph else None)
 
 
 def _parts(report: ReportInput) -> tuple[DrivePart, ...]:

@@ -17,10 +17,10 @@ from semcal_cli.report.input import ReportInput
 from semcal_cli.report.template import PageVerdict, link_reasons
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.refined_camera import clock_sentence, kept_sentence
-from semcal_cli.result.uncertainty import Uncertainty, image_radius_px, stated_error
+from semcal_cli.result.uncertainty import stated_error
 
-DEPTHS_M = 10.0, 50.0
-"""Depths at which the error of a point in the image is stated."""
+RANGE_M = 10.0
+"""Range for which a sentence says how to read the maps of errors in the image."""
 TITLES = {"trusted": "Trusted", "not_trusted": "Not trusted", "not_assessed": "Not assessed"}
 NOT_BELIEVED = (
     "A transform that is not trusted has no interval here: it may be off by far more than the figures say."
@@ -62,8 +62,8 @@ def verdict_of(record: CalibrationDocument) -> PageVerdict:
     return PageVerdict(record.status, TITLES[record.status], sentence, figures, reasons)
 
 
-def uncertainty_sentences(record: CalibrationDocument, camera: Camera) -> list[str]:
-    """Describe how uncertain a pose is, and how far that moves points in the image."""
+def uncertainty_sentences(record: CalibrationDocument) -> list[str]:
+    """Describe how uncertain a pose is."""
     if record.uncertainty is None:
         return [f"Its error is unknown: {_why_unknown(record)}."]
     if record.believed_uncertainty is None:
@@ -75,7 +75,6 @@ def uncertainty_sentences(record: CalibrationDocument, camera: Camera) -> list[s
         f"The camera is within {figure(x)} cm of the stated position to the left or right, {figure(y)} cm up or down, "
         f"and {figure(z)} cm forward or back; its rotation is within {figure(pitch)} degrees in pitch, "
         f"{figure(yaw)} in yaw and {figure(roll)} in roll (95 % intervals).",
-        *_in_the_image(uncertainty, camera),
         *(f"Least certain: {direction}." for direction in uncertainty.weak_directions),
     ]
     if uncertainty.label_bleed is not None:
@@ -93,6 +92,32 @@ def uncertainty_sentences(record: CalibrationDocument, camera: Camera) -> list[s
             f"not reduce that: {_what_intervals_include(record)}."
         )
     return [*sentences, *_of_seeds(record), *_of_folds(record)]
+
+
+def map_sentences(record: CalibrationDocument, camera: Camera) -> list[str]:
+    """Describe how to read the maps of the interval over the image; empty without an interval."""
+    if record.believed_uncertainty is None:
+        return []
+    in_image = record.believed_uncertainty.with_pixels(camera).in_image
+    errors = next((errors for errors in in_image if errors.range_m == RANGE_M), None)
+    if errors is None:
+        return []
+    worst = f"{figure(errors.worst_px)} pixels"
+    within = f"{worst} of where it should, even"
+    if errors.ahead_px is not None:
+        within = f"{figure(errors.ahead_px)} pixels of where it should straight ahead, and within {worst}"
+    return [
+        f"In 95 of 100 calibrations, a point {RANGE_M:g} m from the camera lands within {within} at the worst place of "
+        "the image.",
+        f"Colours show that distance for points at three ranges along the ray of each pixel, in the worst direction."
+        f"{_of_K_in_the_image(record)}",
+    ]
+
+
+def _of_K_in_the_image(record: CalibrationDocument) -> str:
+    if record.uncertainty is None or record.uncertainty.covariance_of_intrinsics is None:
+        return ""
+    return " Errors of K count by what they do to the transform, although both largely cancel in the image."
 
 
 def _of_seeds(record: CalibrationDocument) -> list[str]:
@@ -243,14 +268,3 @@ def _held_out(record: CalibrationDocument, sign: float) -> str:
     unit = policy_of(cues_of_options(record.settings.options)).unit
     gain = sign * record.polish.held_out_gain_nats
     return "" if sigma is None else f"{gain:.4f} +- {sigma:.4f} {unit}"
-
-
-def _in_the_image(uncertainty: Uncertainty, camera: Camera) -> list[str]:
-    """State how far off points straight ahead project; empty for a lens that folds on its optical axis."""
-    parts = []
-    for depth_m in DEPTHS_M:
-        radius_px = image_radius_px(uncertainty, camera, depth_m)
-        if radius_px is None:
-            return []
-        parts.append(f"{figure(radius_px)} pixels at {depth_m:g} m")
-    return [f"Points straight ahead are off by at most {' and '.join(parts)}, with the same confidence."]

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from semcal_cli import core
-from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import mismatch
 from semcal_cli.files.validation import StrictModel, Width, Widths, length
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import cross_matrix
 from semcal_cli.readable import figure, lengths
+from semcal_cli.result.pixel_errors import PixelErrors, PixelMap, half_axes_px, summarise, uncertainty_maps
 
 WEAK_M = 0.03
 """Half width of a 95 % interval of the camera's position, in metres, beyond which a direction is weak."""
@@ -48,9 +49,6 @@ CHECK_NAMES = dict(
 
 AHEAD_M = 10.0
 """Depth at which the error is stated in pixels."""
-STEP = 1e-4
-ELLIPSE_95 = 2.447747
-"""Standard errors that contain 95 % of a normal distribution in two dimensions: root of the chi-square quantile."""
 
 
 def check_covariance(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
@@ -167,6 +165,9 @@ class Uncertainty(StrictModel):
     covariance_of_intrinsics: Covariance | None = None
     """Part of the covariance that is due to errors of the intrinsics, which more frames do not reduce; null if they are
     exact, were estimated, or their effect could not be computed."""
+    in_image: Annotated[tuple[PixelErrors, ...], length(0)] = ()
+    """The same in the image, by the range of points. Absent in older files, and in the uncertainty of other transforms
+    than that of a camera."""
 
     _check_part = model_validator(mode="after")(check_part)
 
@@ -202,6 +203,25 @@ class Uncertainty(StrictModel):
     def half_widths(self) -> tuple[float, ...]:
         """Half widths (6,) of the 95 % intervals: the camera's position in metres, then its rotation in degrees."""
         return (*self.half_width_95_camera_center_m, *self.half_width_95_rotation_deg)
+
+    @property
+    def widened_covariance(self) -> NDArray[np.float64]:
+        """Covariance (6, 6) of a normal distribution whose intervals are at least as wide as those by Student's t."""
+        covariance = np.array(self.covariance)
+        turns = np.radians(self.half_width_95_rotation_deg)
+        half_widths = np.concatenate([self.half_width_95_camera_center_m, turns])
+        variances = np.diag(covariance)
+        is_known = variances > 0.0
+        wider = half_widths[is_known] ** 2 / (NORMAL_95**2 * variances[is_known])
+        return np.asarray(max(1.0, float(wider.max(initial=1.0))) * covariance)
+
+    def pixel_maps(self, camera: Camera) -> list[PixelMap]:
+        """Map the half widths of the 95 % intervals over the image of the camera, in the worst direction."""
+        return uncertainty_maps(camera, self.widened_covariance)
+
+    def with_pixels(self, camera: Camera) -> "Uncertainty":
+        """Add what it means in the image of the camera."""
+        return self.model_copy(update={"in_image": summarise(self.pixel_maps(camera))})
 
     @property
     def half_widths_of_intrinsics(self) -> NDArray[np.float64]:
@@ -265,48 +285,12 @@ def widest(half_widths: Sequence[float]) -> str:
 
 def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
     """Format the widest 95 % intervals of a pose, the part of them by errors of K, and the error straight ahead."""
-    radius_px = image_radius_px(uncertainty, camera, AHEAD_M)
-    in_image = "" if radius_px is None else f", or {figure(radius_px)} px at {AHEAD_M:g} m"
+    ahead = np.array([[0.0, 0.0, AHEAD_M]])
+    (radius_px,) = half_axes_px(camera, uncertainty.widened_covariance, ahead).tolist()
+    # A lens may not show its optical axis.
+    in_image = f", or {figure(radius_px)} px at {AHEAD_M:g} m" if math.isfinite(radius_px) else ""
     of_intrinsics, of_K = uncertainty.half_widths_of_intrinsics.tolist(), ""
     if any(of_intrinsics):
         center_m, rotation_deg = max(of_intrinsics[:3]), max(of_intrinsics[3:])
         of_K = f"; errors of K account for {lengths([center_m])} and {figure(rotation_deg)} degrees"
     return widest(uncertainty.half_widths) + in_image + of_K
-
-
-def image_radius_px(uncertainty: Uncertainty, camera: Camera, depth_m: float) -> float | None:
-    """Compute the longest half axis of the 95 % ellipse of a point straight ahead, in pixels.
-
-    It is a first-order approximation in the twist.
-
-    Args:
-        uncertainty: Uncertainty of the pose.
-        camera: The camera.
-        depth_m: Distance of the point, on the optical axis.
-
-    Returns:
-        Pixels; None for a lens that does not show its optical axis.
-    """
-    covariance = np.array(uncertainty.covariance)
-    half_widths = np.array(
-        [*uncertainty.half_width_95_camera_center_m, *np.radians(uncertainty.half_width_95_rotation_deg)]
-    )
-    sigmas = np.sqrt(np.diag(covariance))
-    # The factor by which Student's t is wider than a normal distribution, at the axis where it is largest.
-    wider = max(1.0, float((half_widths[sigmas > 0.0] / (NORMAL_95 * sigmas[sigmas > 0.0])).max(initial=1.0)))
-    motions = _motions(camera, depth_m)
-    if not np.isfinite(motions).all():
-        return None
-    scatter = motions @ covariance @ motions.T
-    return ELLIPSE_95 * wider * math.sqrt(max(float(np.linalg.eigvalsh(scatter)[-1]), 0.0))
-
-
-def _motions(camera: Camera, depth_m: float) -> NDArray[np.float64]:
-    """Compute the pixels (2, 6) by which a twist, in metres and radians, moves a point on the optical axis."""
-    ahead = np.array([0.0, 0.0, depth_m])
-    steps = STEP * depth_m * np.eye(3)
-    ends = core_camera(camera).project(np.concatenate([ahead + steps, ahead - steps]))
-    jacobian = (ends[:3] - ends[3:]).T / (2.0 * STEP * depth_m)
-    # p moves by rho + phi x p.
-    cross = np.array([[0.0, -depth_m, 0.0], [depth_m, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    return np.asarray(np.hstack([jacobian, -jacobian @ cross]))

@@ -64,6 +64,7 @@ class Pictures:
         self.made.append(f"printed: {self.run('demo', 'kitti', '--real', str(real.resolve()))}")
         self.keep("kitti", cv2.imread(str(self.work / "kitti" / "overlay.png")))
         self.page("kitti_report", self.work / "kitti" / "report.html")
+        self.page("maps", self.work / "kitti" / "report.html", "#uncertainty .maps")
 
     def run(self, *arguments: str) -> str:
         """Run a command, and return what it prints."""
@@ -86,17 +87,17 @@ class Pictures:
             finally:
                 served.kill()  # leaving the block waits for its end
 
-    def page(self, name: str, path: Path) -> None:
-        """Make an image of a page, if there is one."""
+    def page(self, name: str, path: Path, part: str = "") -> None:
+        """Make an image of a page, or of a part of it by its selector, if there is one."""
         if path.exists():
-            self.shoot(name, path.resolve().as_uri())
+            self.shoot(name, path.resolve().as_uri(), part)
 
-    def shoot(self, name: str, address: str) -> None:
-        """Make an image of an address as a browser shows it."""
+    def shoot(self, name: str, address: str, part: str = "") -> None:
+        """Make an image of an address, or of a part of it, as a browser shows it."""
         try:
-            shot = screenshot(address)
+            shot = screenshot(address, part)
         except (WebDriverException, HTTPError):  # a browser that hangs: once more in another one
-            shot = screenshot(address)
+            shot = screenshot(address, part)
         self.keep(name, shot)
 
     def keep(self, name: str, image: np.ndarray) -> None:
@@ -109,15 +110,20 @@ class Pictures:
         self.made.append(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
-def screenshot(address: str) -> np.ndarray:
-    """What a browser of its own shows at this address."""
+def screenshot(address: str, part: str) -> np.ndarray:
+    """What a browser of its own shows at this address, or of the part with this selector."""
     width, height = WINDOW
     metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
     with headless.chromium("--hide-scrollbars") as chrome:
         chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         chrome.get(address)
         time.sleep(1.0)  # points are drawn when their image is in sight
-        return cv2.imdecode(np.frombuffer(chrome.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
+        shot = (
+            chrome.find_element("css selector", part).screenshot_as_png
+            if part
+            else chrome.get_screenshot_as_png()
+        )
+        return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)
 
 
 def main(
