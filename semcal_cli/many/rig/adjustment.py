@@ -25,25 +25,34 @@ import numpy as np
 from pydantic import model_validator
 
 from semcal_cli import core
-from semcal_cli.checks.prior import PRIOR
 from semcal_cli.config.file_limits import MAX_CAMERAS
 from semcal_cli.errors import mismatch
-from semcal_cli.estimation.uncertainty.quantiles import NUM_POSE, joint_quantile
+from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.files.validation import Figure, StrictModel, length
+from semcal_cli.findings.check import LIMITS
 from semcal_cli.geometry.arrays import Matrix, Numbers, Pose, TwistVector
 from semcal_cli.geometry.poses import compare_poses, inverse, rotation_difference
 from semcal_cli.geometry.twists import adjoint, apply_twist
 from semcal_cli.many.rig.rig_document import Constraint, merge_overlapping
-from semcal_cli.observations.cues.cue_table import cues_of_options, is_default
 from semcal_cli.observations.observations import Observations
 from semcal_cli.readable import figure, lengths
-from semcal_cli.result.calibration_document import CalibrationDocument, pose_forms
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.sections import Stage
-from semcal_cli.result.uncertainty import Uncertainty, Variance
+from semcal_cli.result.uncertainty import Uncertainty
 
 STAGE = "adjusted"
 """Name of the stage in the calibration of a camera."""
-MAX_ROWS = NUM_POSE * MAX_CAMERAS
+POSE_FORMS = {
+    "semcal_calibration",
+    "rows_camera_lidar",
+    "rows_lidar_camera",
+    "translation_m",
+    "quaternion_xyzw",
+}
+"""Fields that `CalibrationDocument.from_pose` derives from a pose."""
+NUM_AXES = 6
+"""Number of degrees of freedom of a pose."""
+MAX_ROWS = NUM_AXES * MAX_CAMERAS
 """Largest number of rows of the covariance of all cameras."""
 NUM_ROUNDS = 4
 """Number of linearisations. Errors of a linearisation are a hundredth of a step of a degree, and shrink as it does."""
@@ -78,7 +87,7 @@ class ComparedConstraint(StrictModel):
 
     @property
     def reason(self) -> str:
-        """Say that chance does not explain the difference."""
+        """Describe a difference that chance does not explain, and what to do."""
         return (
             f"{self.sentence}, more than chance explains (chi-square {self.chi_square:.3g}, limit {self.largest:.3g}), "
             "and was left out: check its direction and its figures, or give larger sigma_m and sigma_deg"
@@ -90,16 +99,14 @@ class Adjustment(StrictModel):
 
     cameras: Annotated[tuple[str, ...], length(0, MAX_CAMERAS)]
     """Cameras that took part: those that are not untrusted and have an uncertainty."""
-    covariance: Annotated[
-        tuple[Annotated[tuple[Variance, ...], length(0, MAX_ROWS)], ...], length(0, MAX_ROWS)
-    ]
+    covariance: Annotated[tuple[Annotated[tuple[Figure, ...], length(0, MAX_ROWS)], ...], length(0, MAX_ROWS)]
     """Covariance of their twists in this order, six each, in metres and radians, each in the frame of its camera."""
     constraints: Annotated[tuple[ComparedConstraint, ...], length(0, MAX_CAMERAS)]
     """All constraints between them."""
 
     @model_validator(mode="after")
     def _check_size(self) -> Adjustment:
-        count = NUM_POSE * len(self.cameras)
+        count = NUM_AXES * len(self.cameras)
         if len(self.covariance) != count or any(len(row) != count for row in self.covariance):
             raise mismatch("a covariance of another size", f"{count} rows and columns, six for each camera")
         return self
@@ -108,7 +115,7 @@ class Adjustment(StrictModel):
         """Return the covariance (12, 12) of the twists of two cameras; None if one did not take part."""
         if not {to, source} <= {*self.cameras}:
             return None
-        rows = [NUM_POSE * self.cameras.index(name) + np.arange(NUM_POSE) for name in (to, source)]
+        rows = [NUM_AXES * self.cameras.index(name) + np.arange(NUM_AXES) for name in (to, source)]
         places = np.concatenate(rows)
         return np.asarray(np.array(self.covariance)[np.ix_(places, places)])
 
@@ -128,7 +135,7 @@ class _State:
     @classmethod
     def of(cls, cameras: Mapping[str, CalibrationDocument], num_alike: Mapping[str, int]) -> _State:
         """Start from cameras alone, given how many share the errors of each."""
-        covariance = np.zeros((NUM_POSE * len(cameras),) * 2)
+        covariance = np.zeros((NUM_AXES * len(cameras),) * 2)
         for place, (name, calibration) in zip(_places(len(cameras)), cameras.items(), strict=True):
             covariance[place, place] = num_alike[name] * np.array(calibration.covariance)
         poses = {name: calibration.pose for name, calibration in cameras.items()}
@@ -142,8 +149,8 @@ class _State:
         compared: ComparedConstraint | None = None
         for _ in range(NUM_ROUNDS):
             T = poses[constraint.to] @ inverse(poses[constraint.source])
-            slope = np.zeros((NUM_POSE, len(twists)))
-            slope[:, _places(len(names))[to]] = np.eye(NUM_POSE)
+            slope = np.zeros((NUM_AXES, len(twists)))
+            slope[:, _places(len(names))[to]] = np.eye(NUM_AXES)
             slope[:, _places(len(names))[source]] = -adjoint(T)
             residual = _twist_between(T, constraint.pose)
             innovation = slope @ self.covariance @ slope.T + np.diag(variances)
@@ -245,18 +252,14 @@ def adjusted_calibration(
         f"constraints of the rig moved the camera by {lengths([away.camera_center_m])} and "
         f"{figure(away.rotation_deg)} degrees"
     )
-    forms = pose_forms(T)
     changes = {
-        "rows_camera_lidar": forms["T_camera_lidar"],
-        "rows_lidar_camera": forms["T_lidar_camera"],
-        "translation_m": forms["translation_m"],
-        "quaternion_xyzw": forms["quaternion_xyzw"],
         "uncertainty": uncertainty,
         "quality": quality,
         "stages": calibration.stages | {STAGE: stage},
         "notes": (*calibration.notes, note),
     }
-    return calibration.model_copy(update=changes)
+    kept = {name: value for name, value in calibration if name not in POSE_FORMS}
+    return CalibrationDocument.from_pose(T, **kept | changes)
 
 
 def _num_alike(
@@ -271,14 +274,14 @@ def _num_alike(
     )
     counts = dict.fromkeys(cameras, 1)
     for names, _ in groups:
-        sharing = {name for name in names if not is_default(cues_of_options(cameras[name].settings.options))}
+        sharing = {name for name in names if "cues" in cameras[name].settings.options}
         counts |= dict.fromkeys(sharing, len(sharing))
     return counts
 
 
 def _places(count: int) -> list[slice]:
     """Return the rows of each camera."""
-    return [slice(NUM_POSE * index, NUM_POSE * (index + 1)) for index in range(count)]
+    return [slice(NUM_AXES * index, NUM_AXES * (index + 1)) for index in range(count)]
 
 
 def _twist_between(T: Pose, T_stated: Pose) -> TwistVector:
@@ -292,12 +295,12 @@ def _compared(
     """Compare a constraint with the transform (4, 4) of the cameras, and the residual with its covariance (6, 6)."""
     error = compare_poses(T, constraint.pose)
     # With few parts of the images, chance explains almost any distance, so the distance is limited as well.
-    by_chance = joint_quantile(PRIOR.limit("chance"), degrees_of_freedom)
+    by_chance = joint_quantile(LIMITS["prior"]["chance"].value, degrees_of_freedom)
     return ComparedConstraint(
         to=constraint.to,
         source=constraint.source,
         rotation_deg=error.rotation_deg,
         distance_m=error.camera_center_m,
         chi_square=float(residual @ np.linalg.solve(innovation, residual)),
-        largest=min(by_chance, NUM_POSE * PRIOR.limit("one axis") ** 2),
+        largest=min(by_chance, NUM_AXES * LIMITS["prior"]["one axis"].value ** 2),
     )
