@@ -101,6 +101,13 @@ def test_several_transforms_are_compared_with_the_first(street: Path, tmp_path: 
     assert all(name in result.output for name in ("0.01.yaml", "50.00"))
     assert plot.read_text().startswith("<?xml")
     assert invoke("compare", street, files[0], "--csv", files[0]).exit_code == 1
+    for option, file in (("--csv", table), ("--plot", plot)):
+        before = file.read_bytes()
+        kept = invoke("compare", street, files[0], option, file)
+        assert str(kept.exception) == f"{file}: found a file; choose another name, or add --force"
+        assert file.read_bytes() == before
+        assert invoke("compare", street, files[0], option, file, "--force").exit_code == 0
+        assert file.read_bytes() != before
     assert invoke("compare", street, *files, "--plot", tmp_path / "t.pdf").exit_code == 1
 
 

@@ -12,6 +12,7 @@ import click
 
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import json_flag, limit, reference_direction
+from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.config import Limits
 from semcal_cli.config.directions import Direction
@@ -25,11 +26,13 @@ if TYPE_CHECKING:
 class CompareSettings:
     """Settings of `compare`."""
 
+    rules = [given("--force").requires("--csv", "--plot")]
     a: Path = argument()
     b: Path = argument()
     others: tuple[Path, ...] = argument(default=(), metavar="[C]...")
     csv: Path | None = output_file("Also write the differences from A to a file: .csv.")
     plot: Path | None = output_file("Also draw the differences from A: .png or .svg.")
+    force: bool = option("Replace the files of --csv and --plot.", default=False)
     reference_direction: Direction | None = reference_direction()
     camera: str | None = option(
         "Name of the camera in files that may hold several, such as P2 of KITTI; others have one.",
@@ -49,7 +52,7 @@ def compare(settings: CompareSettings) -> None:
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
     from semcal_cli.cli.compare_several import ComparedFile, table_lines, write_csv, write_plot
-    from semcal_cli.cli.outputs import check_outputs, check_plot
+    from semcal_cli.cli.outputs import check_outputs, check_plot, check_vacant
     from semcal_cli.cli.tables import verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.formats import read_reference
@@ -58,6 +61,7 @@ def compare(settings: CompareSettings) -> None:
 
     check_plot(settings.plot)
     check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
+    check_vacant(settings.csv, settings.plot, force=settings.force)
     paths = [settings.b, *settings.others]
     direction, camera = settings.reference_direction, settings.camera
     a, b, *others = extrinsics = [

@@ -316,6 +316,21 @@ def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
         real_paths.add(os.path.realpath(path))
 
 
+def check_vacant(*outputs: Path | None, force: bool) -> None:
+    """Check that no file is replaced that the user may want to keep; None is no output.
+
+    Args:
+        outputs: Files to write, of kinds that semcal cannot recognise as its own.
+        force: Whether they may be replaced.
+
+    Raises:
+        InputError: a file is there.
+    """
+    for path in filter(None, outputs):
+        if not force and descriptor(path) is None and path.is_file() and path.stat().st_size:
+            raise InputError(f"{path}: found a file; choose another name, or add --force")
+
+
 def check_image_folder(folder: Path, read: Sequence[Path], suffix: str = ".png") -> None:
     """Check that a folder has a place for images, or files of another suffix, and that these replace nothing read.
 
