@@ -19,7 +19,7 @@ from semcal_cli.config.directions import Direction
 
 if TYPE_CHECKING:
     from semcal_cli.pipeline.comparison import Axis, Comparison
-    from semcal_cli.pipeline.verdict import AxisVerdict
+    from semcal_cli.pipeline.verdict import AxisVerdict, Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ def compare(settings: CompareSettings) -> None:
             click.echo(json.dumps(rows, allow_nan=False))
         else:
             decisive = "; ".join(f"{file.name} {file.figures}" for file in files if file.verdict == verdict)
-            click.echo("\n".join([*table_lines(files), verdict_line(verdict, decisive)]))
+            click.echo("\n".join([*table_lines(files), *_notes(verdict), verdict_line(verdict, decisive)]))
         several.tell_github()
         sys.exit(several.exit_code)
     if (cameras := describe_cameras(a, b)) is not None:
@@ -104,10 +104,20 @@ def compare(settings: CompareSettings) -> None:
         console.print(f"{'':<18}{'A minus B':>12}    {'A: 95 % interval':<18}B: 95 % interval")
         for axis in comparison.axes:
             console.print(_line(axis))
+        for line in _notes(verdict):
+            console.print(line, markup=False)
         decisive = "; ".join(f"{case.name} {case.figures}" for case in cases if case.verdict == verdict)
         console.print(verdict_line(verdict, decisive), style=COLORS[verdict], markup=False)
     report.tell_github()
     sys.exit(report.exit_code)
+
+
+def _notes(verdict: Verdict) -> list[str]:
+    """Say that a difference tells of neither transform that it is right, and what does."""
+    from semcal_cli.cli.tables import wrapped
+
+    sentence = "the difference does not tell which of them is right; `semcal verify DRIVE FILE` does"
+    return wrapped("note", sentence) if verdict == "fail" else []
 
 
 def _checks(comparison: Comparison, settings: CompareSettings) -> list[AxisVerdict]:
