@@ -246,6 +246,19 @@ def test_what_xacro_computes_is_not_overwritten(origin: str, found: str, tmp_pat
     assert not (tmp_path / "new.xacro").exists()
 
 
+def test_what_a_launch_file_computes_is_not_overwritten(tmp_path: Path) -> None:
+    target = tmp_path / "static.launch.xml"
+    node = "<launch><node pkg='tf2_ros' exec='static_transform_publisher' args='{} 0 0 0 0 0 os cam_optical'/></launch>"
+    target.write_text(node.format("$(var x)"))
+    refused = invoke("convert", calibration(tmp_path), "--into", target)
+    assert str(refused.exception) == (
+        f"{target}: static_transform_publisher: found $(var x), which the launch file computes; state numbers and "
+        "names in its place"
+    )
+    target.write_text(node.format("0"))
+    assert invoke("convert", calibration(tmp_path), "--into", target).exit_code == 0
+
+
 def test_of_many_keys_only_the_one_in_question_is_parsed_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

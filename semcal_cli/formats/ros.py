@@ -40,6 +40,10 @@ DEFAULTS = dict.fromkeys((*XYZ, *XYZW, *RPY), 0.0) | {"qw": 1.0}
 FRAME_NAMES = ("frame-id", "child-frame-id")
 
 
+SUBSTITUTION = re.compile(r"\$\([^)]*\)?")
+"""What a launch file computes, such as `$(var x)`."""
+
+
 class Word(NamedTuple):
     """A word of a publisher's arguments, and its place in the text of the file."""
 
@@ -167,6 +171,10 @@ def _set_words(
     """Set the transform of the only publisher, or of the only one between the requested frames."""
     texts = [[word.text for word in words] for words in publishers]
     chosen = _choose(where, texts, options)
+    if computed := SUBSTITUTION.search(" ".join(chosen)):
+        raise InputError(
+            f"{where}: found {computed[0]}, which the launch file computes; state numbers and names in its place"
+        )
     words = publishers[texts.index(chosen)]
     new = _new_words(where, chosen, T_camera_lidar, options)
     return [(words[index].start, words[index].end, text) for index, text in new.items()]
