@@ -113,7 +113,7 @@ def compare(settings: CompareSettings) -> None:
 
 
 def _notes(verdict: Verdict) -> list[str]:
-    """Say that a difference tells of neither transform that it is right, and what does."""
+    """Name what tells which of two transforms is right, where they differ: no comparison does."""
     from semcal_cli.cli.tables import wrapped
 
     sentence = "the difference does not tell which of them is right; `semcal verify DRIVE FILE` does"
