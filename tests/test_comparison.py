@@ -106,8 +106,20 @@ def test_several_transforms_are_compared_with_the_first(street: Path, tmp_path: 
     np.testing.assert_allclose([float(row["camera_center_cm"]) for row in rows], [0.0, 1.0, 50.0], atol=1e-4)
     assert [row["verdict"] for row in rows] == ["pass", "pass", "fail"]
     assert all(name in result.output for name in ("0.01.yaml", "50.00"))
+    note = (
+        "the difference does not tell which of them is right; `semcal verify DRIVE FILE` does verdict fail: "
+    )
+    assert note in " ".join(result.stdout.split())
+    assert "which of them is right" not in invoke("compare", street, files[0]).stdout
     assert plot.read_text().startswith("<?xml")
     assert invoke("compare", street, files[0], "--csv", files[0]).exit_code == 1
+    for option, file in (("--csv", table), ("--plot", plot)):
+        before = file.read_bytes()
+        kept = invoke("compare", street, files[0], option, file)
+        assert str(kept.exception) == f"{file}: found a file; choose another name, or add --force"
+        assert file.read_bytes() == before
+        assert invoke("compare", street, files[0], option, file, "--force").exit_code == 0
+        assert file.read_bytes() != before
     assert invoke("compare", street, *files, "--plot", tmp_path / "t.pdf").exit_code == 1
 
 

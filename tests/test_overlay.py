@@ -2,7 +2,8 @@
 
 import re
 import shutil
-from collections.abc import Sequence
+import weakref
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -39,6 +40,7 @@ from semcal_cli.report.colors import (
 )
 from semcal_cli.report.dots import DotStyle, draw_dots
 from semcal_cli.report.named_frames import named_paths
+from semcal_cli.report.overlay_video import write_video
 from semcal_cli.report.overlays import (
     GREY_STRENGTH,
     Overlays,
@@ -363,8 +365,32 @@ def test_labels_and_a_video_are_drawn(street: Path, tmp_path: Path) -> None:
     first, last = (frame[: len(labelled), : labelled.shape[1]].astype(int) for frame in frames)
     lossy = np.abs(first - labelled).mean()
     assert lossy < 0.5 * min(np.abs(first - bare).mean(), np.abs(last - labelled).mean())
+    kept = invoke("overlay", street, street, "--video", tmp_path / "bare.mp4")
+    assert str(kept.exception) == f"{tmp_path}/bare.mp4: found a file; choose another name, or add --force"
+    again = invoke("overlay", street, street, "--max-frames", 1, "--video", tmp_path / "bare.mp4", "--force")
+    assert again.exit_code == 0
     assert invoke("overlay", street, street, "--video", tmp_path / "a.avi").exit_code == 1
     assert invoke("overlay", street, street).exit_code == 2
+
+
+def test_one_image_of_a_video_is_in_memory_at_a_time(tmp_path: Path) -> None:
+    """They differ in size, and the video has the largest sides, made even."""
+    images, most = list[weakref.ref[np.ndarray]](), 0
+
+    def drawn() -> Iterator[np.ndarray]:
+        nonlocal most
+        for height in (31, 33, 30, 20):
+            image = np.full((height, 41, 3), 200, np.uint8)
+            images.append(weakref.ref(image))
+            most = max(most, sum(kept() is not None for kept in images))
+            yield image
+            del image
+
+    write_video(drawn(), tmp_path / "v.mp4")
+    assert most <= 2
+    video = cv2.VideoCapture(str(tmp_path / "v.mp4"))
+    frames = [frame for has_frame, frame in iter(video.read, (False, None)) if has_frame]
+    assert [frame.shape for frame in frames] == [(34, 42, 3)] * 4
 
 
 def test_points_are_exported_with_the_colours_of_the_image(

@@ -10,7 +10,7 @@ import numpy as np
 import PIL.Image
 import pytest
 from commands import invoke
-from pages import serious_findings
+from pages import PHONE, serious_findings
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -79,6 +79,20 @@ def test_the_first_screen_tells_what_matters(page: webdriver.Chrome) -> None:
         page.find_element(By.CLASS_NAME, "lead").text,
     )
     assert drawn(page, "#first .after") > 1000
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_phone_shows_the_first_image_in_the_upper_half(page: webdriver.Chrome) -> None:
+    """The figures take a line each, and the colours four at most."""
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", PHONE)
+    image = page.find_element(By.CSS_SELECTOR, "#first .look .image")
+    assert image.rect["y"] <= PHONE["height"] / 2
+    for figure in page.find_elements(By.CSS_SELECTOR, ".figures > div"):
+        value = figure.find_element(By.TAG_NAME, "dd")
+        assert figure.rect["height"] < 1.5 * value.rect["height"], figure.text
+    for legend in page.find_elements(By.CSS_SELECTOR, "#first .legend"):
+        lines = {entry.rect["y"] for entry in legend.find_elements(By.TAG_NAME, "li") if entry.is_displayed()}
+        assert len(lines) <= 4
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 

@@ -151,5 +151,6 @@ def test_a_page_of_edges_explains_what_it_shows(made: Path, street: Path, tmp_pa
     assert "of which 5 standard errors are allowed, since these data took part in the choice" in sentence
     page = page_of(street, file, tmp_path)
     assert "intervals contain the result" not in page
+    assert "the result rests on all, and is known far better" in page
     assert '<tr><td>initial</td><td class="n">-</td>' in page
     assert "<dt>information lost if turned by 5 degrees</dt>" in page

@@ -16,6 +16,7 @@ from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.methods import METHODS
 from semcal_cli.experiments.pairs_and_noise import (
     EXPERIMENTS,
+    Choice,
     ComparisonSetting,
     MethodError,
     cases,
@@ -216,6 +217,51 @@ def test_the_command_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Mo
     result = invoke(*arguments)
     assert result.exit_code == 1
     assert "results.jsonl: line 1: found 'garbage" in str(result.exception)
+
+
+def test_a_part_of_the_runs_is_what_the_whole_goes_on_from() -> None:
+    for name, settings in EXPERIMENTS.items():
+        whole, part = (cases(settings, range(50, 52), choice) for choice in (Choice(), Choice({"20", "20%"})))
+        assert set(part) < set(whole)
+        assert part == [case for case in whole if case in part]
+        assert {METHODS[case.method].is_by_labels for case in part if case.setting == "0%"} <= {False}
+        found = [MethodError(case.setting, case.method, case.seed, 0.0, 0.0, 0.0) for case in part]
+        assert {result.setting for result in complete(settings, found, Choice({"20", "20%"}))} <= {
+            "20",
+            "20%",
+        }
+        one = cases(settings, range(50, 52), Choice(methods=["SOIC"]))
+        assert {case.method for case in one} == {"SOIC"}, name
+
+
+def test_the_command_runs_a_part_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(EXPERIMENTS, "pairs", (ComparisonSetting("1", 1), ComparisonSetting("2", 2)))
+    monkeypatch.setattr(pairs_and_noise, "METHODS", {name: METHODS[name] for name in ("semcal", "SOIC")})
+    arguments = ["experiment", "pairs", "--seeds", "1", "--first-seed", "16", "-o", tmp_path]
+    part = invoke(*arguments, "--pairs", "2", "--method", "semcal")
+    assert part.exit_code == 0, part.output
+    assert [line for line in part.stdout.splitlines()[2:] if not line.startswith("| 2 | semcal |")] == []
+    whole = invoke(*arguments)
+    assert "1 of 4 runs are already done" in whole.stderr
+    assert part.stdout.splitlines()[2] in whole.stdout
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "needed"),
+    [
+        ("--pairs", "3", "found '3', expected one of: 1; 2; 5; 10; 20; 50; 70."),
+        ("--method", "soic", "found 'soic', expected one of: semcal; paper; paper, own start; SOIC; PMI;"),
+    ],
+)
+def test_a_part_that_is_not_there_is_named(option: str, value: str, needed: str, tmp_path: Path) -> None:
+    result = invoke("experiment", "pairs", option, value, "-o", tmp_path)
+    assert result.exit_code == 2
+    assert needed in " ".join(result.stderr.split())
+    slow = ("--method", "PMI, MINE and polish", "--pairs", "1")
+    none = invoke("experiment", "pairs", *slow, "-o", tmp_path)
+    assert str(none.exception) == (
+        "found no run of PMI, MINE and polish, which run only at 10 or 20% and on seeds that 5 divides"
+    )
 
 
 def test_a_table_overwrites_nothing_that_it_reads(street: Path, tmp_path: Path) -> None:

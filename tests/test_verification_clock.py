@@ -19,7 +19,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.formats import read_transform
 from semcal_cli.observations.loading import load
-from semcal_cli.pipeline.verdict import CLOCK, figures, judge_clock, overall_offsets
+from semcal_cli.pipeline.verdict import CLOCK, figures, judge_clock, overall_offsets, sufficient_limits
 from semcal_cli.report import read_report_input
 from semcal_cli.report.page import both_overlays
 from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
@@ -170,6 +170,8 @@ def test_an_interval_about_the_limit_decides_nothing() -> None:
     late = judge_clock(-0.0201, 0.001, 0.005)
     assert figures(late) == "-20.1 +- 1.0 ms, allowed 5 ms"
     assert overall_offsets([late]) == ["clock off by -20.1 +- 1.0 ms, allowed 5 ms"]
+    assert sufficient_limits([late]) == sufficient_limits([judge_clock(0.0, None, 0.005)]) == []
+    assert sufficient_limits([judge_clock(0.004, 0.002, 0.005)]) == ["--max-delay-ms 5.7"]
     assert figures(judge_clock(0.0, None, 0.005)) == "not determined, allowed 5 ms"
     assert overall_offsets([judge_clock(0.0, None, 0.005)]) == ["clock not determined, allowed 5 ms"]
 

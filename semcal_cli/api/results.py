@@ -85,9 +85,12 @@ class Calibration(CalibrationDocument):
             write_calibration(self, path)
             return
         given = options or FormatOptions()
-        write_transform(
-            self.T_camera_lidar, path, to, replace(given, intrinsics=given.intrinsics or self.used_camera)
+        own = replace(
+            given,
+            intrinsics=given.intrinsics or self.used_camera,
+            frame_ids=given.frame_ids or self.input.frame_ids,
         )
+        write_transform(self.T_camera_lidar, path, to, own)
 
     def __str__(self) -> str:
         """Return about ten lines: the verdict, the transform, where it puts the camera, and what speaks against it."""

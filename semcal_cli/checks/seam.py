@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semcal_cli.drive.document import Drive, first_stamp
+from semcal_cli.drive.document import Drive
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
@@ -52,7 +52,7 @@ def check_seam(drive: Drive, clouds: Sequence[SweepCloud]) -> tuple[Finding, ...
     """Check that sweeps of a rig that may move, whose points are in the order of one turn, have times or a spin."""
     motion = drive.motion
     if motion is None:
-        may_be_smeared = first_stamp(drive) is not None
+        may_be_smeared = drive.first_stamp is not None
     else:
         may_be_smeared = motion.point_times != "deskewed" and motion.speed_m_s != 0.0
     if not may_be_smeared or any(drive.told_times(cloud) is not None for cloud in clouds):

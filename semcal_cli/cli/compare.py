@@ -12,19 +12,21 @@ import click
 
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import json_flag, limit, reference_direction
+from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.config import Limits
 from semcal_cli.config.directions import Direction
 
 if TYPE_CHECKING:
     from semcal_cli.pipeline.comparison import Axis, Comparison
-    from semcal_cli.pipeline.verdict import AxisVerdict
+    from semcal_cli.pipeline.verdict import AxisVerdict, Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompareSettings:
     """Settings of `compare`."""
 
+    rules = [given("--force").requires("--csv", "--plot")]
     a: Path = argument()
     b: Path = argument()
     others: tuple[Path, ...] = argument(default=(), metavar="[C]...")
@@ -33,6 +35,7 @@ class CompareSettings:
         "Also draw the differences from A: .png or .svg; that of one transform as a map over the image, if its camera "
         "is known."
     )
+    force: bool = option("Replace the files of --csv and --plot.", default=False)
     reference_direction: Direction | None = reference_direction()
     camera: str | None = option(
         "Name of the camera in files that may hold several, such as P2 of KITTI; others have one.",
@@ -53,7 +56,7 @@ def compare(settings: CompareSettings) -> None:
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
     from semcal_cli.cli.compare_several import ComparedFile, table_lines, write_csv, write_maps, write_plot
-    from semcal_cli.cli.outputs import check_outputs, check_plot
+    from semcal_cli.cli.outputs import check_outputs, check_plot, check_vacant
     from semcal_cli.cli.tables import verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.formats import read_reference
@@ -62,6 +65,7 @@ def compare(settings: CompareSettings) -> None:
 
     check_plot(settings.plot)
     check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
+    check_vacant(settings.csv, settings.plot, force=settings.force)
     paths = [settings.b, *settings.others]
     direction, camera = settings.reference_direction, settings.camera
     a, b, *others = extrinsics = [
@@ -90,7 +94,7 @@ def compare(settings: CompareSettings) -> None:
             click.echo(json.dumps(rows, allow_nan=False))
         else:
             decisive = "; ".join(f"{file.name} {file.figures}" for file in files if file.verdict == verdict)
-            click.echo("\n".join([*table_lines(files), verdict_line(verdict, decisive)]))
+            click.echo("\n".join([*table_lines(files), *_notes(verdict), verdict_line(verdict, decisive)]))
         several.tell_github()
         sys.exit(several.exit_code)
     if (cameras := describe_cameras(a, b)) is not None:
@@ -113,10 +117,20 @@ def compare(settings: CompareSettings) -> None:
             console.print(_line(axis))
         for line in _image_lines(comparison):
             console.print(line)
+        for line in _notes(verdict):
+            console.print(line, markup=False)
         decisive = "; ".join(f"{case.name} {case.figures}" for case in cases if case.verdict == verdict)
         console.print(verdict_line(verdict, decisive), style=COLORS[verdict], markup=False)
     report.tell_github()
     sys.exit(report.exit_code)
+
+
+def _notes(verdict: Verdict) -> list[str]:
+    """Name what tells which of two transforms is right, where they differ: no comparison does."""
+    from semcal_cli.cli.tables import wrapped
+
+    sentence = "the difference does not tell which of them is right; `semcal verify DRIVE FILE` does"
+    return wrapped("note", sentence) if verdict == "fail" else []
 
 
 def _checks(comparison: Comparison, settings: CompareSettings) -> list[AxisVerdict]:

@@ -40,7 +40,9 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "batch drives -o results --command verify --calibration front.yaml",
     ),
     "fleet": ("fleet results --report fleet.html",),
-    "experiment pairs": ("experiment pairs --seeds 1 -o results",),
+    "experiment pairs": (
+        "experiment pairs --seeds 1 --pairs 1 --pairs 5 --method semcal --method SOIC -o results",
+    ),
     "experiment noise": ("experiment noise --seeds 1 -o results",),
     "experiment table": ("experiment table my_drive -o results",),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
@@ -36,6 +37,32 @@ class ExperimentSettings:
     )
 
 
+class ListedName(click.ParamType[str]):
+    """A name of a list that is imported only when one is given, so that `--help` stays fast."""
+
+    def __init__(self, name: str, names: Callable[[], Collection[str]]) -> None:
+        """Make the type, named as in messages, with the function that lists the names."""
+        self.name, self.names = name, names
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check that the name is listed."""
+        if value not in (names := self.names()):
+            self.fail(f"found {value!r}, expected one of: {'; '.join(names)}.", param, ctx)
+        return str(value)
+
+
+def _methods() -> Collection[str]:
+    from semcal_cli.experiments.methods import METHODS
+
+    return METHODS
+
+
+def _numbers_of_pairs() -> Collection[str]:
+    from semcal_cli.experiments.pairs_and_noise import EXPERIMENTS
+
+    return [setting.name for setting in EXPERIMENTS["pairs"]]
+
+
 @dataclass(frozen=True, kw_only=True)
 class MethodsSettings(ExperimentSettings):
     """Settings of experiments that compare methods on synthetic drives."""
@@ -43,6 +70,14 @@ class MethodsSettings(ExperimentSettings):
     seeds: int = option("Number of drives, each with one run per table cell.", default=20, minimum=1)
     first_seed: int = option("Seed of the first drive.", default=50_000, minimum=0, maximum=MAX_SEED)
     jobs: int = option("Number of runs in parallel.", default=1, minimum=1)
+    method: tuple[str, ...] = option(
+        "Run this method alone, by its name in the table, such as semcal or SOIC. Give the option again for each "
+        "method.",
+        type=ListedName("method", _methods),
+        metavar="NAME",
+        multiple=True,
+        default=(),
+    )
     unmended: bool = option(
         "Leave isolated wrong pixels as they are for every method; the paper's method always does. Results go to a "
         "separate folder.",
@@ -50,24 +85,41 @@ class MethodsSettings(ExperimentSettings):
     )
 
 
-def _compare_methods(name: str, settings: MethodsSettings) -> None:
+@dataclass(frozen=True, kw_only=True)
+class PairsSettings(MethodsSettings):
+    """Settings of `pairs`."""
+
+    pairs: tuple[str, ...] = option(
+        "Run this number of pairs alone. Give the option again for each number.",
+        type=ListedName("number", _numbers_of_pairs),
+        metavar="N",
+        multiple=True,
+        default=(),
+    )
+
+
+def _compare_methods(name: str, settings: MethodsSettings, chosen: tuple[str, ...] = ()) -> None:
     from semcal_cli.experiments import pairs_and_noise
 
     check_torch(f"semcal experiment {name}")
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    runs = pairs_and_noise.experiment(settings.output, seeds, name, removes_speckle=not settings.unmended)
+    choice = pairs_and_noise.Choice(chosen, settings.method)
+    runs = pairs_and_noise.experiment(
+        settings.output, seeds, name, choice, removes_speckle=not settings.unmended
+    )
     click.echo(measure(runs, settings.jobs), nl=False)
 
 
-@experiment.command(cls=SettingsCommand, settings=MethodsSettings)
-def pairs(settings: MethodsSettings) -> None:
+@experiment.command(cls=SettingsCommand, settings=PairsSettings)
+def pairs(settings: PairsSettings) -> None:
     """Compare methods over the number of pairs.
 
     The numbers are 1, 2, 5, 10, 20, 50 and 70. semcal, the paper's method, SOIC and PMI start from the same pose, 2
     degrees and 0.2 m off; the paper's method also runs from its own start, without an initial guess. Writes
-    results.csv, summary.json, table.md and plot.png to a folder in DIR; a stopped run resumes where it stopped.
+    results.csv, summary.json, table.md and plot.png to a folder in DIR; a stopped run resumes where it stopped. With
+    `--pairs` and `--method`, these files have the chosen runs alone, and a later run goes on from them.
     """
-    _compare_methods("pairs", settings)
+    _compare_methods("pairs", settings, settings.pairs)
 
 
 @experiment.command(cls=SettingsCommand, settings=MethodsSettings)

@@ -137,7 +137,9 @@ class Outputs:
             from semcal_cli.formats import write_transform
 
             name, options = self.to
-            write_transform(np.eye(4), None, name, replace(options, intrinsics=drive.camera))
+            write_transform(
+                np.eye(4), None, name, replace(options, intrinsics=drive.camera, frame_ids=drive.frame_ids)
+            )
         elif self.output is not None:
             output_format(self.output)
             self.check_replaced()
@@ -220,7 +222,12 @@ class Outputs:
 
             name, options = self.to
             tell = partial(click.echo, err=True)
-            options = replace(options, intrinsics=calibration.used_camera, on_note=tell)
+            options = replace(
+                options,
+                intrinsics=calibration.used_camera,
+                frame_ids=calibration.input.frame_ids,
+                on_note=tell,
+            )
             content = write_transform(calibration.pose, self.output, name, options)
             if self.output is None:
                 click.echo(content, nl=False)
@@ -307,6 +314,21 @@ def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
         if not path.exists() or path.is_file():
             check_replaceable(path)
         real_paths.add(os.path.realpath(path))
+
+
+def check_vacant(*outputs: Path | None, force: bool) -> None:
+    """Check that no file is replaced that the user may want to keep; None is no output.
+
+    Args:
+        outputs: Files to write, of kinds that semcal cannot recognise as its own.
+        force: Whether they may be replaced.
+
+    Raises:
+        InputError: a file is there.
+    """
+    for path in filter(None, outputs):
+        if not force and descriptor(path) is None and path.is_file() and path.stat().st_size:
+            raise InputError(f"{path}: found a file; choose another name, or add --force")
 
 
 def check_image_folder(folder: Path, read: Sequence[Path], suffix: str = ".png") -> None:

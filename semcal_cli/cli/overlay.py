@@ -29,6 +29,7 @@ class OverlaySettings(DriveSettings):
 
     rules = [
         one_of("-o", "--video"),
+        given("--force").requires("--video"),
         given("--labels").excludes("--by edge", because="edges are drawn there"),
     ]
     calibration: Path = argument()
@@ -36,6 +37,7 @@ class OverlaySettings(DriveSettings):
         "Folder for the images, each named after its frame.", "-o", "--output", metavar="DIR"
     )
     video: Path | None = output_file("File for the images as a video of 5 frames in a second: .mp4.")
+    force: bool = option("Replace the file of --video.", default=False)
     point_size: int | None = option(
         "Radius of the points in pixels.  [default: by the width of the images]", minimum=1, maximum=50
     )
@@ -124,13 +126,14 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
 
 def _few(drive: Drive, settings: OverlaySettings, folder: Path | None, read: list[Path]) -> Drive:
     """Keep evenly spaced frames of a drive, and check that their images replace no input."""
-    from semcal_cli.cli.outputs import check_image_folder, check_outputs
+    from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_vacant
     from semcal_cli.observations.frame_selection import with_few_frames
 
     few = with_few_frames(drive, settings.max_frames)
     if folder is not None:
         check_image_folder(folder, read)
     check_outputs(read, settings.video)
+    check_vacant(settings.video, force=settings.force)
     return few
 
 

@@ -22,6 +22,7 @@ from semcal_cli.config.point_files import (
 )
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.lidar import Lidar
 from semcal_cli.drive.networks import LabelNetworks
@@ -191,6 +192,8 @@ class Drive(StrictModel):
     """Camera of the drive. Its intrinsics are assumed to be right unless they are estimated together with the pose."""
     lidar: Lidar | None = None
     """Scan pattern of the LiDAR, estimated from the points if absent, where its rays start, and how it turns."""
+    frame_ids: FrameIds | None = None
+    """Names of the coordinate frames, as the recording has them; `semcal convert` writes them."""
     frames: Annotated[tuple[Frame, ...], length(1)]
     """Frames of one rig."""
     ignore: Ignore = Ignore()
@@ -314,6 +317,12 @@ class Drive(StrictModel):
         """Median time from one sweep to the next, in seconds; None without stamps of two sweeps."""
         return self._sweep_gap_s
 
+    @property
+    def first_stamp(self) -> float | None:
+        """Stamp of the first frame, in seconds; None without stamps."""
+        frame = self.frames[0]
+        return frame.points_stamp if frame.points_stamp is not None else frame.image_stamp
+
     def told_times(self, cloud: SweepCloud) -> tuple[Numbers, bool] | None:
         """Return when the points of a sweep were measured, where its file or the spin of the LiDAR tells it.
 
@@ -376,12 +385,6 @@ class Drive(StrictModel):
     def file_of(self, frame: Frame, key: str, needed: str) -> Path:
         """Locate a file that a frame must have; raises `InputError` as `name_of` does."""
         return self.resolve(self.name_of(frame, key, needed))
-
-
-def first_stamp(drive: Drive) -> float | None:
-    """Return the stamp of a drive's first frame, in seconds; None without stamps."""
-    frame = drive.frames[0]
-    return frame.points_stamp if frame.points_stamp is not None else frame.image_stamp
 
 
 def drive_file(path: Path) -> Path:

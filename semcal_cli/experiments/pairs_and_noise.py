@@ -6,7 +6,7 @@ The plots follow the box plots of Jiang, Osteen and Saripalli, arXiv 2104.12023.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from semcal_cli.errors import SemcalError
+from semcal_cli.errors import InputError, SemcalError, listed
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.methods import METHODS, Scene
@@ -92,30 +92,55 @@ class MethodError:
         return self.rotation_deg < START_DEG and self.camera_center_cm < 100.0 * START_M
 
 
-def cases(settings: Sequence[ComparisonSetting], seeds: range) -> list[ComparisonCase]:
+@dataclass(frozen=True)
+class Choice:
+    """The part of an experiment to run. Its runs are those of the whole experiment, which then goes on from them."""
+
+    settings: Collection[str] = ()
+    """Names of the settings; empty for all."""
+    methods: Collection[str] = ()
+    """Keys of `METHODS`; empty for all."""
+
+    def has(self, setting: str) -> bool:
+        """Return whether a setting is part of it."""
+        return not self.settings or setting in self.settings
+
+
+WHOLE = Choice()
+
+
+def cases(
+    settings: Sequence[ComparisonSetting], seeds: range, choice: Choice = WHOLE
+) -> list[ComparisonCase]:
     """List the runs, a few drives at a time.
 
     Methods that compare no labels run once for each number of pairs, since wrong labels do not affect them.
     """
+    chosen_pairs = {setting.num_pairs for setting in settings if choice.has(setting.name)}
+    methods = {name: METHODS[name] for name in METHODS if not choice.methods or name in choice.methods}
     first_of = {setting.num_pairs: setting.name for setting in reversed(settings)}
     listed = []
     for start in range(seeds.start, seeds.stop, NUM_INTERLEAVED):
         drives = range(start, min(start + NUM_INTERLEAVED, seeds.stop))
-        for setting, (name, method), seed in product(settings, METHODS.items(), drives):
-            is_redundant = not method.is_by_labels and first_of[setting.num_pairs] != setting.name
+        for setting, (name, method), seed in product(settings, methods.items(), drives):
+            is_first = first_of[setting.num_pairs] == setting.name and setting.num_pairs in chosen_pairs
+            is_chosen = choice.has(setting.name) if method.is_by_labels else is_first
             is_left_out = method.is_slow and (setting.name not in SLOW_SETTINGS or seed % SLOW_EVERY != 0)
-            if not is_redundant and not is_left_out:
+            if is_chosen and not is_left_out:
                 listed.append(ComparisonCase(setting.name, name, seed))
     return listed
 
 
-def complete(settings: Sequence[ComparisonSetting], results: Sequence[MethodError]) -> list[MethodError]:
-    """Add the results of methods without labels to all settings of the same number of pairs."""
+def complete(
+    settings: Sequence[ComparisonSetting], results: Sequence[MethodError], choice: Choice = WHOLE
+) -> list[MethodError]:
+    """Add the results of methods without labels to all chosen settings of the same number of pairs."""
     num_pairs = {setting.name: setting.num_pairs for setting in settings}
     return [
         replace(result, setting=setting.name)
         for result in results
         for setting in settings
+        if choice.has(setting.name)
         if setting.name == result.setting
         or (setting.num_pairs == num_pairs[result.setting] and not METHODS[result.method].is_by_labels)
     ]
@@ -175,7 +200,7 @@ def report(name: str, removes_speckle: bool, results: Sequence[MethodError]) -> 
 
 
 def experiment(
-    out: Path, seeds: range, name: str, *, removes_speckle: bool
+    out: Path, seeds: range, name: str, choice: Choice = WHOLE, *, removes_speckle: bool
 ) -> Experiment[ComparisonCase, MethodError]:
     """Declare an experiment of `EXPERIMENTS`.
 
@@ -183,19 +208,29 @@ def experiment(
         out: Folder of all experiments.
         seeds: Seeds of the drives.
         name: Key of `EXPERIMENTS`.
+        choice: The part to run.
         removes_speckle: Whether isolated wrong pixels are replaced for all methods but the paper's.
+
+    Raises:
+        InputError: no run is part of the choice.
     """
     settings = EXPERIMENTS[name]
+    chosen = cases(settings, seeds, choice)
+    if not chosen:
+        raise InputError(
+            f"found no run of {listed(choice.methods)}, which run only at {' or '.join(SLOW_SETTINGS)} and on seeds "
+            f"that {SLOW_EVERY} divides"
+        )
     folder = out / (name if removes_speckle else f"{name}_unmended")
     drives = folder / "drives"
     return Experiment(
         name,
         folder,
-        cases(settings, seeds),
+        chosen,
         partial(run, settings, Pool(drives, has_images=True), {}, removes_speckle),
         MethodError,
         partial(report, name, removes_speckle),
-        complete=partial(complete, settings),
+        complete=partial(complete, settings, choice=choice),
         scratch=drives,
     )
 

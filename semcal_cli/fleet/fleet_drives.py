@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config.file_limits import MAX_FLEET_DRIVES
-from semcal_cli.drive.document import first_stamp, read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_json_lines
 from semcal_cli.files.input_files import is_folder
@@ -143,7 +143,7 @@ def _read_single(path: Path) -> FleetDrive:
     )
     stamp = None
     with suppress(InputError):  # The drive may have been moved or deleted.
-        stamp = first_stamp(read_drive(path.parent / calibration.input.drive))
+        stamp = read_drive(path.parent / calibration.input.drive).first_stamp
     camera = camera_hash(calibration.used_camera)
     return FleetDrive(
         str(path), stamp, calibration.pose, covariance, left_out, camera, topic, covariance_of_intrinsics

@@ -244,7 +244,7 @@ def convert(
             raise InputError(
                 f"{source}: found no camera, expected a semcal calibration or a drive: --to {to} writes intrinsics"
             )
-    written = replace(written, intrinsics=extrinsic.camera)
+    written = replace(written, intrinsics=extrinsic.camera, frame_ids=extrinsic.frame_ids)
     if path is not None and path.is_file() and descriptor(path) is None and not replaces:
         made = write_transform(extrinsic.T_camera_lidar, None, to, replace(written, on_note=None))
         if _without_numbers(read_bytes(path)) != _without_numbers(made):
@@ -295,7 +295,7 @@ def set_in_file(
     if path is not None and is_same_file(path, drive_file(Path(source))):
         raise InputError(f"{path}: found the input file; choose another name")
     into = Source.read(Path(target))
-    options = replace(write_options or FormatOptions(), is_written=True)
+    options = replace(write_options or FormatOptions(), frame_ids=extrinsic.frame_ids, is_written=True)
     format = insertion.format_of(into, key, FORMATS)
     if format is not None:
         _check_options(format, options)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeAlias, get_args
 
 from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, parse_any
 from semcal_cli.files.input_files import read_bytes
@@ -34,6 +35,8 @@ class FormatOptions:
     """Name of the camera's frame, entry or token in the file."""
     lidar: str | None = None
     """Name of the LiDAR's frame, entry or token in the file."""
+    frame_ids: FrameIds | None = None
+    """Names of the frames in the recording, for those that `camera` and `lidar` do not name."""
     file: Path | None = None
     """Path of the file to write, if there is one."""
     intrinsics: Camera | None = None

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.arrays import Pose
@@ -38,7 +40,9 @@ def has_word(name: str, words: set[str]) -> bool:
 def camera_and_lidar(
     where: str, kind: str, names: Collection[str], options: FormatOptions, *, prefers_optical: bool = False
 ) -> tuple[str, str]:
-    """Choose the camera and the LiDAR among the names of a file: those that the user gives, or the only matching ones.
+    """Choose the camera and the LiDAR among the names of a file.
+
+    These are the names that the user gives, those of the recording, or the only matching ones.
 
     Args:
         where: Name of the file in messages.
@@ -52,6 +56,7 @@ def camera_and_lidar(
     """
     if len(set(names)) < 2:
         raise InputError(f"{where}: found {kind} {listed(names)}, expected two {kind}")
+    options = with_recorded(options, names)
     cameras = [name for name in names if has_word(name, CAMERA_WORDS) and name != options.lidar]
     optical = [name for name in cameras if has_word(name, OPTICAL_WORDS)]
     if prefers_optical and len(optical) == 1:
@@ -71,6 +76,15 @@ def camera_and_lidar(
         pair.append(name)
     camera, lidar = pair
     return camera, lidar
+
+
+def with_recorded(options: FormatOptions, names: Collection[str]) -> FormatOptions:
+    """Add the names of the recording for what the user does not name, where a file has them."""
+    recorded, own = options.frame_ids or FrameIds(), (options.camera, options.lidar)
+    camera, lidar = (
+        name if name in names and name not in own else None for name in (recorded.camera, recorded.lidar)
+    )
+    return replace(options, camera=options.camera or camera, lidar=options.lidar or lidar)
 
 
 def apply_direction(where: str, T: Pose, options: FormatOptions) -> Pose:
@@ -111,12 +125,14 @@ def between_frames(where: str, T_camera_lidar: Pose, parent: str, child: str, op
 
 
 def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
-    """Choose T_frame_optical (4, 4) of a camera frame, by its name or by the user's option.
+    """Choose T_frame_optical (4, 4) of a camera frame, by its name, the recording or the user's option.
 
     Raises:
-        InputError: neither the name nor an option determines the axes.
+        InputError: none of them determines the axes.
     """
-    frame = options.frame or ("optical" if has_word(camera, OPTICAL_WORDS) else None)
+    is_recorded = options.frame_ids is not None and camera == options.frame_ids.camera
+    is_optical = is_recorded or has_word(camera, OPTICAL_WORDS)
+    frame = options.frame or ("optical" if is_optical else None)
     if frame is None:
         needed = f"add {options.prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
         raise InputError(f"{where}: found the camera frame {camera!r}; {needed}")
@@ -128,9 +144,10 @@ def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str
     for name in filter(None, (options.lidar, options.camera)):
         if not name.isprintable():
             raise InputError(f"--to-camera, --to-lidar: found {name!r}, expected a printable name")
-    is_body = options.frame == "body"
+    is_body, recorded = options.frame == "body", options.frame_ids or FrameIds()
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
-    lidar, camera = options.lidar or LIDAR, options.camera or (CAMERA_BODY if is_body else CAMERA)
+    lidar = options.lidar or recorded.lidar or LIDAR
+    camera = options.camera or (CAMERA_BODY if is_body else recorded.camera or CAMERA)
     if camera == lidar:
         raise InputError(f"--to-camera, --to-lidar: found {camera!r} for both, expected two names")
     return T, lidar, camera

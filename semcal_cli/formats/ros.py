@@ -21,7 +21,14 @@ from xml.sax.saxutils import quoteattr
 from semcal_cli.config.file_limits import MAX_COMMAND
 from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.formats.format import FRAMES, Edits, Format, FormatOptions, Source
-from semcal_cli.formats.frame_names import CAMERA_WORDS, between_frames, from_frames, has_word, name_frames
+from semcal_cli.formats.frame_names import (
+    CAMERA_WORDS,
+    between_frames,
+    from_frames,
+    has_word,
+    name_frames,
+    with_recorded,
+)
 from semcal_cli.formats.node import NUMBER, Node, parse_number
 from semcal_cli.formats.pose import RPY, XYZ, XYZW, NumbersNotation, number_text, numbers_of, pose_of
 from semcal_cli.formats.xml_tags import start_tags
@@ -31,6 +38,10 @@ PUBLISHER = "static_transform_publisher"
 DEFAULTS = dict.fromkeys((*XYZ, *XYZW, *RPY), 0.0) | {"qw": 1.0}
 """Defaults of the arguments."""
 FRAME_NAMES = ("frame-id", "child-frame-id")
+
+
+SUBSTITUTION = re.compile(r"\$\([^)]*\)?")
+"""What a launch file computes, such as `$(var x)`."""
 
 
 class Word(NamedTuple):
@@ -62,6 +73,8 @@ def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> 
 def _choose(where: str, publishers: list[list[str]], options: FormatOptions) -> list[str]:
     if not publishers:
         raise InputError(f"{where}: found no {PUBLISHER}")
+    pairs = [with_recorded(options, _frames(words)) for words in publishers]
+    options = next((pair for pair in pairs if pair.camera and pair.lidar), options)
     frame_names = {name for name in (options.camera, options.lidar) if name is not None}
     candidates = [words for words in publishers if frame_names <= set(_frames(words))]
     if not frame_names and len(publishers) > 1:
@@ -158,6 +171,10 @@ def _set_words(
     """Set the transform of the only publisher, or of the only one between the requested frames."""
     texts = [[word.text for word in words] for words in publishers]
     chosen = _choose(where, texts, options)
+    if computed := SUBSTITUTION.search(" ".join(chosen)):
+        raise InputError(
+            f"{where}: found {computed[0]}, which the launch file computes; state numbers and names in its place"
+        )
     words = publishers[texts.index(chosen)]
     new = _new_words(where, chosen, T_camera_lidar, options)
     return [(words[index].start, words[index].end, text) for index, text in new.items()]

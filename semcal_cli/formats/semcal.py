@@ -14,6 +14,7 @@ from pydantic import model_validator
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import MisplacedError
 from semcal_cli.files.validation import (
     RigidTransform,
@@ -106,9 +107,20 @@ class Extrinsic:
         """The camera of the calibration or of the drive, to which the transform belongs; None if the file has none."""
         if self.record is not None:
             return self.record.used_camera
+        return None if self._drive is None else self._drive.camera
+
+    @cached_property
+    def frame_ids(self) -> FrameIds | None:
+        """Names of the frames of the recording that the transform belongs to; None if the file has none."""
+        if self.record is not None:
+            return self.record.input.frame_ids
+        return None if self._drive is None else self._drive.frame_ids
+
+    @cached_property
+    def _drive(self) -> Drive | None:
         if DRIVE not in self.source.mapping:
             return None
-        return validate(Drive, self.source.document, self.source.path).camera
+        return validate(Drive, self.source.document, self.source.path)
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:

@@ -13,7 +13,7 @@ from semcal_cli.formats.format import FRAMES, Edits, Format, FormatOptions, Sour
 from semcal_cli.formats.frame_names import camera_and_lidar, name_frames, optical_axes
 from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import RPY, XYZ, number_text, numbers_of, pose_of
-from semcal_cli.formats.xml_tags import start_tags
+from semcal_cli.formats.xml_tags import Tag, start_tags
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 
@@ -136,9 +136,22 @@ def _edit(source: Source, T_camera_lidar: Pose, name: str | None, options: Forma
         for key, names in (("xyz", XYZ), ("rpy", RPY))
     }
     origin = next((child for child in tag.children if child.name == "origin"), None)
+    _check_uncomputed(f"{source.path}: joint {joint.get('name', '')!r}", tag, origin)
     if origin is None:
         return [(tag.end, tag.end, f'<origin xyz="{texts["xyz"]}" rpy="{texts["rpy"]}"/>')]
     return [edit for key, text in texts.items() for edit in origin.replaced(key, text)]
+
+
+def _check_uncomputed(where: str, joint: Tag, origin: Tag | None) -> None:
+    """Check that xacro neither inserts the origin of a joint nor computes its numbers, which other places state."""
+    inserted = next((child for child in joint.children if child.name.startswith("xacro:")), None)
+    if origin is None and inserted is not None:
+        needed = "state an <origin> of numbers in its place, or set the one that it inserts by hand"
+        raise InputError(f"{where}: found {inserted.text}, which may insert an origin; {needed}")
+    for name, value in () if origin is None else origin.attributes.items():
+        if name in ("xyz", "rpy") and "$" in value:
+            needed = "state numbers in its place, or change what it is computed from"
+            raise InputError(f"{where}: found {name} {value!r}, which xacro computes; {needed}")
 
 
 FORMAT = Format(

@@ -142,6 +142,7 @@ def _document(recording: Recording, path: Path) -> dict[str, Any]:
         "semcal_drive": 1,
         "camera": dict(recording.camera),
         **({} if lidar is None else {"lidar": dict(lidar)}),
+        **({} if recording.frame_ids is None else {"frame_ids": dict(recording.frame_ids)}),
         "frames": [_frame_document(frame, path.parent) for frame in recording.frames],
         **_class_blocks(recording),
         **_point_keys(recording.point_form),

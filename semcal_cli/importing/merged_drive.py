@@ -36,7 +36,7 @@ SHARED = (
     "time_offset_sigma_s",
 )
 """Keys whose values must be the same in all drives."""
-OPTIONAL = ("networks", "synchronization", "T_camera_lidar")
+OPTIONAL = ("frame_ids", "networks", "synchronization", "T_camera_lidar")
 """Keys that are left out where their values are not the same."""
 SAME_POSE = 1e-9
 """Largest difference of two references that are the same."""

@@ -92,12 +92,13 @@ def read(request: Request) -> Recording:
     )
     tables = Tables(request.root, request.root / version)
     sensors = dict(tables.rows("calibrated_sensor"))
-    keyframes = _keyframes(tables, sensors, request)
+    camera, keyframes = _keyframes(tables, sensors, request)
     has_labels = tables.path("lidarseg").exists()
     labels = {text(row, "sample_data_token"): row for _, row in tables.rows("lidarseg")} if has_labels else {}
     return Recording(
         camera=_camera(keyframes[0][1], sensors),
         lidar=LIDAR,
+        frame_ids={"lidar": LIDAR_CHANNEL, "camera": camera},
         frames=_frames(tables, keyframes, labels),
         point_classes=read_ontology("nuscenes-lidarseg") if labels else None,
         # A camera is exposed when the LiDAR sweeps across the centre of its view (nuscenes.org, data collection).
@@ -110,8 +111,10 @@ def text(row: Node, key: str) -> str:
     return row.at(key).text()
 
 
-def _keyframes(tables: Tables, sensors: dict[str, Node], request: Request) -> list[tuple[Node, Node]]:
-    """Find the sweep and the image of each sample of the scene that has both, in order of time."""
+def _keyframes(
+    tables: Tables, sensors: dict[str, Node], request: Request
+) -> tuple[str, list[tuple[Node, Node]]]:
+    """Choose the camera, and find the sweep and image of each sample of the scene that has both, in order of time."""
     scenes = {text(row, "name"): token for token, row in tables.rows("scene")}
     scene = scenes[pick("sequence", request.sequence, sorted(scenes), request.root)]
     samples = {token for token, row in tables.rows("sample") if text(row, "scene_token") == scene}
@@ -130,7 +133,7 @@ def _keyframes(tables: Tables, sensors: dict[str, Node], request: Request) -> li
         raise InputError(
             f"{tables.path('sample_data')}: found no keyframe of both {LIDAR_CHANNEL} and {camera}"
         )
-    return sorted(both, key=lambda pair: _stamp_s(pair[0]))
+    return camera, sorted(both, key=lambda pair: _stamp_s(pair[0]))
 
 
 def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str, Node]) -> list[SourceFrame]:

@@ -165,6 +165,8 @@ class Recording:
     """Reference transform (4, 4), p_camera = T_camera_lidar * p_lidar; None if unknown or if each frame has its own."""
     lidar: Mapping[str, Any] | None = None
     """The `lidar:` block of a drive, if the scan pattern is known."""
+    frame_ids: Mapping[str, str] | None = None
+    """The `frame_ids:` block of a drive, if the data name their coordinate frames."""
     point_classes: Ontology | None = None
     """Classes of the point labels."""
     image_classes: Ontology | None = None
@@ -230,6 +232,7 @@ def join_sequences(
         for key in (
             "camera",
             "lidar",
+            "frame_ids",
             "point_classes",
             "image_classes",
             "ids_in_red",
@@ -307,7 +310,7 @@ def check_recording(recording: object, guard: Guard) -> Recording:
         ValueError: there is no frame.
     """
     valid = _check_fields("", recording, Recording)
-    for key in ("camera", "lidar", "motion"):
+    for key in ("camera", "lidar", "frame_ids", "motion"):
         if (block := getattr(valid, key)) is not None:
             _check_block(key, block)
     if not valid.frames:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
@@ -27,6 +28,12 @@ ONE_SIDED = 1.644854 / 1.959964
 """Distance to a limit that leaves a probability of 5 % beyond it, relative to the half width of a 95 % interval, which
 leaves 2.5 % on either side. A displacement is within a limit if both one-sided tests say so (Schuirmann, *A comparison
 of the two one-sided tests procedure*, 1987). With few degrees of freedom the ratio is smaller still."""
+LIMITS: dict[Unit, tuple[str, float]] = {
+    "deg": ("--max-rotation-deg", 1.0),
+    "cm": ("--max-translation-m", 0.01),
+    "ms": ("--max-delay-ms", 1.0),
+}
+"""Option of the limit of each unit, and the unit in that of the option."""
 _UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
 """Units in words."""
 
@@ -76,6 +83,8 @@ class AxisVerdict:
         offset, allowed = format_against_limit(self.offset, self.allowed, len(rounded.partition(".")[2]))
         if not self.has_estimate:
             return CheckText("", "", f"{self.allowed:g}")
+        if not math.isclose(float(allowed), self.allowed):  # 0.3 degrees beside 90
+            allowed = f"{self.allowed:g}"
         return CheckText(offset, "" if self.half_width is None else rounded, allowed)
 
     def not_judged(self, *, is_trusted: bool) -> AxisVerdict:
@@ -139,13 +148,37 @@ def figures(check: AxisVerdict) -> str:
 
 
 def overall_offsets(checks: Sequence[AxisVerdict]) -> list[str]:
-    """Describe how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
+    """Describe how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict.
+
+    Where only axes decide it, they come first.
+    """
     overall = [check for check in checks if check.name.endswith(OVERALL) or check.name == CLOCK]
+    if (verdict := together(check.verdict for check in checks)) not in {check.verdict for check in overall}:
+        overall += [check for check in checks if check.verdict == verdict]
     overall.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
     return [
         f"{check.name.removesuffix(OVERALL)} {'off by ' * check.has_estimate}{figures(check)}"
         for check in overall
     ]
+
+
+def sufficient_limits(checks: Iterable[AxisVerdict]) -> list[str]:
+    """Write the options with the smallest limits, to two digits, within which inconclusive checks would pass."""
+    needed = dict.fromkeys(LIMITS, 0.0)
+    for check in checks:
+        if check.verdict == "inconclusive" and check.half_width is not None:
+            needed[check.unit] = max(needed[check.unit], abs(check.offset) + ONE_SIDED * check.half_width)
+    return [
+        f"{option} {_rounded_up(scale * needed[unit]):g}"
+        for unit, (option, scale) in LIMITS.items()
+        if needed[unit]
+    ]
+
+
+def _rounded_up(value: float) -> float:
+    """Round a positive value up to two significant digits."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.ceil(value / unit) * unit
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:

@@ -40,7 +40,15 @@ from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
-from semcal_cli.pipeline.verdict import CLOCK, AxisVerdict, Verdict, judge, judge_clock, together
+from semcal_cli.pipeline.verdict import (
+    CLOCK,
+    AxisVerdict,
+    Verdict,
+    judge,
+    judge_clock,
+    sufficient_limits,
+    together,
+)
 from semcal_cli.readable import figure
 from semcal_cli.result.applied import apply_result, cues_applied
 from semcal_cli.result.refined_camera import camera_differences
@@ -115,9 +123,12 @@ class Verification:
             return MOVED
         of_transform = [check.verdict for check in self.checks if check.name != CLOCK]
         is_clock_alone = together(of_transform) == "pass" and {*self.topics} <= {CLOCK_TOPIC}
-        return (
+        sentence = (
             OF_CLOCK.get(self.verdict, SENTENCES[self.verdict]) if is_clock_alone else SENTENCES[self.verdict]
         )
+        is_open = self.verdict == "inconclusive" and not self.is_reasoned
+        limits = sufficient_limits(self.checks) if is_open else []
+        return f"{sentence} It would pass with {' '.join(limits)}." if limits else sentence
 
     @property
     def is_reasoned(self) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
 from semcal_cli.formats.format import FormatOptions
@@ -73,7 +74,9 @@ def pair_notation(a: str, b: str, T_a_b: Pose) -> TransformText:
     )
 
 
-def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[TransformText]:
+def files(
+    T_camera_lidar: Pose, intrinsics: Camera | None = None, frame_ids: FrameIds | None = None
+) -> list[TransformText]:
     """Write a transform in each text format that needs no other information.
 
     Matrices in formats without a direction are T_camera_lidar. Intrinsics are included where a format can hold them and
@@ -86,7 +89,10 @@ def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[Transf
             with suppress(InputError, UnicodeDecodeError):
                 reservations: list[str] = []
                 options = FormatOptions(
-                    direction="lidar-to-camera", intrinsics=camera, on_note=reservations.append
+                    direction="lidar-to-camera",
+                    frame_ids=frame_ids,
+                    intrinsics=camera,
+                    on_note=reservations.append,
                 )
                 text = format.write(T_camera_lidar, options).decode()
                 if reservations:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,6 +16,7 @@ from semcal_cli.geometry.arrays import Image
 FPS = 5.0
 """Frames of a drive in a second: slow enough to look at each."""
 SUFFIX, CODEC = ".mp4", "mp4v"
+FAST = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 def check_video(path: Path) -> None:
@@ -28,22 +29,37 @@ def check_video(path: Path) -> None:
         raise InputError(f"{path}: found suffix {path.suffix!r}, expected {SUFFIX}")
 
 
-def write_video(images: Sequence[Image], path: Path) -> None:
+def write_video(images: Iterable[Image], path: Path) -> None:
     """Write images (H, W, 3), blue, green, red, which may differ in size; smaller ones get black margins.
+
+    One image at a time is in memory: the size of the video is known only once all have been drawn, so they wait in
+    files without loss.
 
     Raises:
         InputError: OpenCV has no codec, or the file cannot be written.
     """
-    # The codec takes even sides.
-    height, width = (2 * -(-max(image.shape[axis] for image in images) // 2) for axis in (0, 1))
     with TemporaryDirectory() as folder:
-        part = Path(folder) / f"video{SUFFIX}"
-        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*CODEC), FPS, (width, height))
+        files, height, width = list[str](), 0, 0
         for image in images:
-            canvas = np.zeros((height, width, 3), np.uint8)
-            canvas[: image.shape[0], : image.shape[1]] = image
-            writer.write(canvas)
+            files.append(f"{folder}/{len(files)}.png")
+            if not cv2.imwrite(files[-1], image, FAST):
+                raise InputError(f"{path}: its images cannot be written to {folder}")
+            height, width = max(height, image.shape[0]), max(width, image.shape[1])
+        size = width + width % 2, height + height % 2  # The codec takes even sides.
+        part = Path(folder) / f"video{SUFFIX}"
+        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*CODEC), FPS, size)
+        for file in files:
+            writer.write(_padded(file, size))
         writer.release()
         if not part.is_file() or not part.stat().st_size:
             raise InputError(f"{path}: OpenCV cannot write videos here, since it has no FFmpeg")
         write_bytes(part.read_bytes(), path)
+
+
+def _padded(file: str, size: tuple[int, int]) -> Image:
+    """Read an image, with black margins to a size (width, height) in pixels."""
+    image = cv2.imread(file)
+    assert image is not None
+    canvas: Image = np.zeros((size[1], size[0], 3), np.uint8)
+    canvas[: image.shape[0], : image.shape[1]] = image
+    return canvas

@@ -171,7 +171,7 @@ class Overlays:
             InputError: the suffix is not .mp4, a frame cannot be drawn, or the file cannot be written.
         """
         check_video(path)
-        write_video([self.image(frame) for frame in range(self.observations.num_frames)], path)
+        write_video(map(self.image, range(self.observations.num_frames)), path)
 
     def write(self, frame: int, path: Path) -> None:
         """Write the PNG of a frame, numbered from 0.

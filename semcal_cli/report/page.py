@@ -101,7 +101,7 @@ def write_report(
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
         notations=notations(T),
-        files=files(T, record.used_camera if record and record.camera else None),
+        files=files(T, record.used_camera if record and record.camera else None, report.drive.frame_ids),
         classes=class_agreements(observations, agreement, before),
         frame_names=frame_names([frame.points for frame in report.drive.frames]),
         frames_plots=frames_plots,

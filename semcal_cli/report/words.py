@@ -201,6 +201,10 @@ def frame_sentences(
                 f"{int(is_within.sum())} of {6 * int(is_determined.sum())} intervals contain {fitted}, and the frames "
                 f"{scattered}.{which}"
             )
+    if not num_parts and is_determined.sum() > 1:
+        sentences.append(
+            "Single frames may scatter widely: the result rests on all, and is known far better."
+        )
     if not is_determined.all():
         undetermined = listed(names[frame] for frame in np.flatnonzero(~is_determined).tolist())
         sentences.append(f"Frames whose own labels do not determine a pose: {undetermined}.")

@@ -33,6 +33,7 @@ def describe_input(drive: Drive, keys: Sequence[str]) -> Input:
     return Input(
         drive=str(drive.path),
         camera=drive.camera,
+        frame_ids=drive.frame_ids,
         frames=tuple(InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames),
         sha256={},
         networks=_networks(drive, keys),

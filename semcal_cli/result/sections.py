@@ -10,6 +10,7 @@ from pydantic import Field, JsonValue, field_validator
 
 from semcal_cli.config import AUTO, LABELS
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import describe, mismatch
 from semcal_cli.files.validation import (
@@ -56,6 +57,8 @@ class Input(StrictModel):
     """Relative path of the drive.yaml, or the name of the arrays of a program."""
     camera: Camera
     """Camera of the drive."""
+    frame_ids: FrameIds | None = None
+    """Names of the coordinate frames, as the drive states them."""
     frames: Annotated[tuple[InputFrame, ...], length(0)]
     """Frames that were used."""
     sha256: dict[str, Sha256]

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from semcal_cli.drive.document import Frame, output_drive_file
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.input_files import is_folder, is_same_file
@@ -42,7 +43,7 @@ from semcal_cli.importing.bags.recorded_frames import (
 from semcal_cli.importing.bags.recorded_motion import Trajectory, find_motion, read_frames
 from semcal_cli.importing.bags.stamped_pairs import Pairing
 from semcal_cli.importing.bags.topics import BagRequest, choose_topics
-from semcal_cli.importing.bags.transforms import reference
+from semcal_cli.importing.bags.transforms import optical_frame, reference
 from semcal_cli.importing.bags.video import Video
 from semcal_cli.importing.choice import Options
 from semcal_cli.importing.drive_folder import WrittenDrive, check_may_replace, write_drive
@@ -127,11 +128,13 @@ class _Import:
         self._check_output()
         camera, request = self._camera(), self.request
         tree, moving = read_frames(self.bag)
-        lidar, optical = (self._first_frame(topic) for topic in (self.topics.points, self.topics.image))
-        self.frame_ids = {self.topics.points: lidar, self.topics.image: optical}
+        lidar, camera_frame = (self._first_frame(topic) for topic in (self.topics.points, self.topics.image))
+        self.frame_ids = {self.topics.points: lidar, self.topics.image: camera_frame}
         rectification = self.info if self.topics.is_rectified else None
-        T_camera_lidar, remarks = reference(tree, lidar, optical, rectification, request.frame)
+        T_camera_lidar, remarks = reference(tree, lidar, camera_frame, rectification, request.frame)
         self.remarks += remarks
+        optical = optical_frame(tree, lidar, camera_frame, rectification, request.frame)
+        named = FrameIds.of_recording(lidar, optical)
         self.trajectory, reason = find_motion(
             self.bag, tree, moving, lidar, request.motion, request.motion_frame
         )
@@ -199,6 +202,7 @@ class _Import:
         recording = Recording(
             camera=camera,
             lidar=None if request.spin is None else {"spin": request.spin.model_dump()},
+            frame_ids=None if named is None else named.model_dump(exclude_none=True),
             frames=frames,
             T_camera_lidar=T_camera_lidar,
             motion=motion,

@@ -120,6 +120,26 @@ def reference(
     return None, [*remarks, f"no reference{why_not}"]
 
 
+def optical_frame(
+    tree: FrameTree,
+    lidar: str,
+    camera: str,
+    rectification: Mapping[str, Any] | None,
+    axes: CameraFrame | None = None,
+) -> str | None:
+    """Return the name of the camera's frame if its axes are those of the images; see `reference` for the arguments.
+
+    None for a body frame, also a probable one, and for images that are rectified to other axes or for another camera.
+    """
+    T = tree.transforms_from(camera).get(lidar)
+    is_body = axes == "body" or (axes is None and T is not None and bool(_doubts(camera, T)))
+    if is_body or rectification is None:
+        return None if is_body else camera
+    R, P = np.reshape(rectification["R"], (3, 3)), rectification["P"]
+    is_turned = R.any() and np.abs(R - np.eye(3)).max() > CONTRADICTION
+    return None if is_turned or P[3] or P[7] else camera
+
+
 def _doubts(camera: str, T_camera_lidar: Pose) -> list[str]:
     """Describe why a camera's frame may be a body frame: it is not called optical, and its z axis is the LiDAR's."""
     if has_word(camera, OPTICAL_WORDS) or not InitialPose(T_camera_lidar, camera).looks_along_z:

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES
-from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Stamp, drive_file, first_stamp, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Stamp, drive_file, read_drive
 from semcal_cli.errors import InputError, printable
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder, read_start
@@ -246,7 +246,7 @@ def describe_result(task: Task, exit_code: int) -> Outcome:
         InputError: the file is not a result of the command.
     """
     fields: dict[str, Any] = {"drive": task.drive, "exit_code": exit_code}
-    fields["stamp"] = first_stamp(read_drive(Path(task.path)))
+    fields["stamp"] = read_drive(Path(task.path)).first_stamp
     fields["result"] = str(folder_of(task.drive) / task.result.name)
     if task.command == "calibrate":
         calibration = read_calibration(task.result)
