@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import make_pose
 
-from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.camera import Camera, IntrinsicsSigma, core_camera
 from semcal_cli.geometry.twists import apply_motion, apply_twist, rotation_matrix
 from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.result.pixel_errors import (
@@ -84,6 +84,27 @@ def test_poses_of_a_sample_put_the_points_as_far_off_as_is_said(name: str, range
         distances = np.einsum("ni,ij,nj->n", offsets, np.linalg.inv(scatter), offsets)
         assert np.mean(distances < ELLIPSE_95**2) == pytest.approx(0.95, abs=0.005)
         assert np.mean(np.linalg.norm(offsets, axis=1) < half_axis) > 0.945
+
+
+def test_errors_of_intrinsics_move_the_points_and_the_pose() -> None:
+    """A sample of wrong K, each with the pose that it leads to: where the two together put the points."""
+    covariance, rng = random_covariance(), np.random.default_rng(1)
+    sigma = IntrinsicsSigma(fx=0.8, fy=0.6, cx=1.5, cy=1.0)
+    camera = PINHOLE.model_copy(update={"intrinsics_sigma": sigma})
+    twist = np.linalg.cholesky(covariance) @ rng.standard_normal((6, 4))
+    pixels = np.array([[CX, CY], [40.0, 60.0], [600.0, 280.0]])
+    points = 10.0 * core_camera(camera).unproject(pixels)
+    stated = half_axes_px(camera, covariance + twist @ twist.T, points, twist)
+    errors = rng.standard_normal((NUM_SAMPLES, 4))
+    twists = rng.multivariate_normal(np.zeros(6), covariance, NUM_SAMPLES) + errors @ twist.T
+    fx, fy, cx, cy = (np.array([F, F, CX, CY]) + errors * [sigma.fx, sigma.fy, sigma.cx, sigma.cy]).T
+    for point, pixel, half_axis in zip(points, pixels, stated, strict=True):
+        x, y, z = (point + twists[:, :3] + np.cross(twists[:, 3:], point)).T
+        offsets = np.stack([fx * x / z + cx, fy * y / z + cy], axis=1) - pixel
+        scatter = offsets.T @ offsets / NUM_SAMPLES
+        assert half_axis == pytest.approx(
+            ELLIPSE_95 * math.sqrt(np.linalg.eigvalsh(scatter)[-1]), rel=SAMPLING
+        )
 
 
 def radii(error_map: PixelMap) -> np.ndarray:

@@ -33,9 +33,9 @@ from semcal_cli.estimation.uncertainty.covariance import (
 )
 from semcal_cli.estimation.uncertainty.intrinsics import (
     around_intrinsics,
-    covariance_of_intrinsics,
     intrinsics_cost,
     shift_by,
+    twist_by_intrinsics,
 )
 from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
@@ -183,14 +183,20 @@ class _AssessedPose:
             left_open=None if joint is None else joint.left_open,
         )
 
-    def _covariance_of_intrinsics(self) -> Matrix | None:
+    @cached_property
+    def twist_by_intrinsics(self) -> Matrix | None:
+        """(6, 4) twist of the pose by an error of one standard deviation of fx, fy, cx and cy; None without errors."""
         camera, joint = self.data.observations.camera, self.stages.joint
         if joint is not None and joint.camera is not None:
             # An estimate states the errors of the intrinsics that it has.
             exact = {name: 0.0 for name in joint.camera.intrinsics if name in K_ENTRIES}
             stated = sigma_of(camera).model_copy(update=exact)
             camera = camera.model_copy(update={"intrinsics_sigma": stated})
-        return covariance_of_intrinsics(self.shift, camera)
+        return twist_by_intrinsics(self.shift, camera)
+
+    def _covariance_of_intrinsics(self) -> Matrix | None:
+        twist = self.twist_by_intrinsics
+        return None if twist is None else np.asarray(twist @ twist.T)
 
     def _covariance_of_motion(self) -> Matrix | None:
         joint, later_s = self.stages.joint, 0.0
@@ -254,10 +260,11 @@ def _uncertainty(pose: _AssessedPose, *, with_label_bleed: bool) -> Uncertainty 
         uncertainty = estimate_uncertainty(observations, T, of_others=budget.total)
     if uncertainty is None:
         return None
-    of_K = budget.intrinsics
+    of_K, twist = budget.intrinsics, pose.twist_by_intrinsics
     parts = {
         "label_bleed": label_bleed(observations, T, config, pose.label_gain) if with_label_bleed else None,
         "covariance_of_intrinsics": None if of_K is None else tuple(map(tuple, of_K.tolist())),
+        "twist_by_intrinsics": None if of_K is None or twist is None else tuple(map(tuple, twist.tolist())),
     }
     return uncertainty.model_copy(update=parts)
 

@@ -117,7 +117,7 @@ def map_sentences(record: CalibrationDocument, camera: Camera) -> list[str]:
 def _of_K_in_the_image(record: CalibrationDocument) -> str:
     if record.uncertainty is None or record.uncertainty.covariance_of_intrinsics is None:
         return ""
-    return " Errors of K count by what they do to the transform, although both largely cancel in the image."
+    return " Points are projected with the K of the transform: what its errors do to both largely cancels."
 
 
 def _of_seeds(record: CalibrationDocument) -> list[str]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.camera import Camera, core_camera, sigma_of
 from semcal_cli.files.validation import StrictModel, Width
 from semcal_cli.geometry.arrays import Matrices, Matrix, Numbers, Pose, Vectors
 from semcal_cli.geometry.poses import cross_matrix, inverse
@@ -72,30 +72,43 @@ class PixelMap:
         return float(np.nanmax(self.errors_px))
 
 
-def half_axes_px(camera: Camera, covariance: Matrix, points_camera: Vectors) -> Numbers:
+def half_axes_px(
+    camera: Camera, covariance: Matrix, points_camera: Vectors, by_intrinsics: Matrix | None = None
+) -> Numbers:
     """Compute the longest half axes (N,) of the 95 % ellipses of points in the image, in pixels.
 
-    They are sqrt(q lambda), with the largest eigenvalue lambda of J C J^T and the chi-square quantile q for two degrees
-    of freedom. J is the derivative of a pixel by the twist: a first-order approximation.
+    They are sqrt(q lambda), with the largest eigenvalue lambda of the pixel's covariance and the chi-square quantile q
+    for two degrees of freedom. To first order, that is J C J^T, where J is the derivative of a pixel by the twist.
+
+    Points are projected with the K that the pose was found with. An error of K moves them, and moves the pose so that
+    they stay where the data are: what it does to both largely cancels. With K's part S of the twist and the motion M of
+    a pixel by the same errors, the covariance is J C J^T + J S M^T + M S^T J^T + M M^T, in which S S^T is part of C.
 
     Args:
         camera: The camera.
         covariance: (6, 6) covariance C of the twist xi of exp(xi) T_camera_lidar, metres and radians.
         points_camera: (N, 3) points in the camera frame, metres.
+        by_intrinsics: (6, 4) S, twist by an error of one standard deviation of fx, fy, cx and cy; None if K is exact.
 
     Returns:
         (N,), NaN where the lens model does not hold.
     """
     J = _motions(camera, points_camera)
     scatter = J @ covariance @ np.swapaxes(J, 1, 2)
+    if by_intrinsics is not None:
+        M = _motions_by_intrinsics(camera, points_camera) * by_intrinsics.any(axis=0)
+        cross = J @ by_intrinsics @ np.swapaxes(M, 1, 2)
+        scatter = scatter + cross + np.swapaxes(cross, 1, 2) + M @ np.swapaxes(M, 1, 2)
     uu, uv, vv = scatter[:, 0, 0], scatter[:, 0, 1], scatter[:, 1, 1]
     largest = 0.5 * (uu + vv) + np.hypot(0.5 * (uu - vv), uv)
     return np.asarray(ELLIPSE_95 * np.sqrt(np.maximum(largest, 0.0)))
 
 
-def uncertainty_maps(camera: Camera, covariance: Matrix) -> list[PixelMap]:
+def uncertainty_maps(
+    camera: Camera, covariance: Matrix, by_intrinsics: Matrix | None = None
+) -> list[PixelMap]:
     """Map the half axes of 95 % ellipses over the image, at each of `RANGES_M`: see `half_axes_px`."""
-    return _maps(camera, lambda points: half_axes_px(camera, covariance, points))
+    return _maps(camera, lambda points: half_axes_px(camera, covariance, points, by_intrinsics))
 
 
 def difference_maps(a: tuple[Pose, Camera], b: tuple[Pose, Camera]) -> list[PixelMap]:
@@ -156,6 +169,17 @@ def _motions(camera: Camera, points_camera: Vectors) -> Matrices:
     # p moves by rho + phi x p = rho - [p]_x phi.
     crosses = np.array([cross_matrix(point) for point in points_camera])
     return np.concatenate([jacobians, -jacobians @ crosses], axis=2)
+
+
+def _motions_by_intrinsics(camera: Camera, points_camera: Vectors) -> Matrices:
+    """Compute the pixels (N, 2, 4) by which errors of a standard deviation of fx, fy, cx and cy move points (N, 3)."""
+    (fx, skew, cx), (_, fy, cy), _ = camera.K
+    u, v = core_camera(camera).project(points_camera).T
+    y = (v - cy) / fy
+    zero, one = np.zeros_like(u), np.ones_like(u)
+    columns = [[(u - cx - skew * y) / fx, zero, one, zero], [zero, y, zero, one]]
+    sigma = sigma_of(camera)
+    return np.asarray(np.moveaxis(np.array(columns), 2, 0) * [sigma.fx, sigma.fy, sigma.cx, sigma.cy])
 
 
 def _offsets(camera: Camera, start: Numbers, end: Numbers) -> Numbers:

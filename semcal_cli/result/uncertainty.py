@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import mismatch
-from semcal_cli.files.validation import StrictModel, Width, Widths, length
+from semcal_cli.files.validation import Figure, StrictModel, Width, Widths, length
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import cross_matrix
 from semcal_cli.readable import figure, lengths
@@ -73,6 +73,9 @@ CovarianceEntries: TypeAlias = Annotated[
     tuple[Annotated[tuple[Variance, ...], length(6, 6)], ...], length(6, 6)
 ]
 Covariance: TypeAlias = Annotated[CovarianceEntries, AfterValidator(check_covariance)]
+
+
+TwistRows: TypeAlias = tuple[Annotated[tuple[Figure, ...], length(4, 4)], ...]
 
 
 class HasCovariances(Protocol):
@@ -165,6 +168,9 @@ class Uncertainty(StrictModel):
     covariance_of_intrinsics: Covariance | None = None
     """Part of the covariance that is due to errors of the intrinsics, which more frames do not reduce; null if they are
     exact, were estimated, or their effect could not be computed."""
+    twist_by_intrinsics: Annotated[TwistRows, length(6, 6)] | None = None
+    """Twist xi by an error of one standard deviation of fx, fy, cx and cy, in four columns; null like
+    covariance_of_intrinsics. Absent in older files."""
     in_image: Annotated[tuple[PixelErrors, ...], length(0)] = ()
     """The same in the image, by the range of points. Absent in older files, and in the uncertainty of other transforms
     than that of a camera."""
@@ -206,22 +212,41 @@ class Uncertainty(StrictModel):
 
     @property
     def widened_covariance(self) -> NDArray[np.float64]:
-        """Covariance (6, 6) of a normal distribution whose intervals are at least as wide as those by Student's t."""
-        covariance = np.array(self.covariance)
-        turns = np.radians(self.half_width_95_rotation_deg)
-        half_widths = np.concatenate([self.half_width_95_camera_center_m, turns])
-        variances = np.diag(covariance)
-        is_known = variances > 0.0
-        wider = half_widths[is_known] ** 2 / (NORMAL_95**2 * variances[is_known])
-        return np.asarray(max(1.0, float(wider.max(initial=1.0))) * covariance)
+        """Covariance (6, 6) of a normal distribution whose intervals are at least as wide as those by Student's t.
+
+        Errors of the intrinsics are normal already. What is estimated has fewer degrees of freedom without them
+        (Satterthwaite).
+        """
+        whole, of_K = np.array(self.covariance), np.zeros((6, 6))
+        if (twist := self._by_intrinsics) is not None:
+            of_K = twist @ twist.T
+        variances, estimated = np.diag(whole), np.diag(whole - of_K)
+        is_known = (variances > 0.0) & (estimated > 0.0)
+        share = estimated[is_known] / variances[is_known]
+        freedom = np.maximum(np.array(self.degrees_of_freedom)[is_known] * share**2, 1.0)
+        quantile = max((core.student_quantile(0.975, dof) for dof in freedom), default=NORMAL_95)
+        return np.asarray((quantile / NORMAL_95) ** 2 * (whole - of_K) + of_K)
 
     def pixel_maps(self, camera: Camera) -> list[PixelMap]:
         """Map the half widths of the 95 % intervals over the image of the camera, in the worst direction."""
-        return uncertainty_maps(camera, self.widened_covariance)
+        return uncertainty_maps(camera, self.widened_covariance, self._by_intrinsics)
 
     def with_pixels(self, camera: Camera) -> "Uncertainty":
         """Add what it means in the image of the camera."""
         return self.model_copy(update={"in_image": summarise(self.pixel_maps(camera))})
+
+    @property
+    def _by_intrinsics(self) -> NDArray[np.float64] | None:
+        return None if self.twist_by_intrinsics is None else np.array(self.twist_by_intrinsics)
+
+    def half_width_ahead_px(self, camera: Camera) -> float:
+        """Compute the half width of the 95 % interval, in pixels, of a point straight ahead at `AHEAD_M`.
+
+        It is NaN for a lens that does not show its optical axis.
+        """
+        ahead = np.array([[0.0, 0.0, AHEAD_M]])
+        (half_width_px,) = half_axes_px(camera, self.widened_covariance, ahead, self._by_intrinsics).tolist()
+        return float(half_width_px)
 
     @property
     def half_widths_of_intrinsics(self) -> NDArray[np.float64]:
@@ -285,8 +310,7 @@ def widest(half_widths: Sequence[float]) -> str:
 
 def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
     """Format the widest 95 % intervals of a pose, the part of them by errors of K, and the error straight ahead."""
-    ahead = np.array([[0.0, 0.0, AHEAD_M]])
-    (radius_px,) = half_axes_px(camera, uncertainty.widened_covariance, ahead).tolist()
+    radius_px = uncertainty.half_width_ahead_px(camera)
     # A lens may not show its optical axis.
     in_image = f", or {figure(radius_px)} px at {AHEAD_M:g} m" if math.isfinite(radius_px) else ""
     of_intrinsics, of_K = uncertainty.half_widths_of_intrinsics.tolist(), ""

@@ -56,18 +56,29 @@ def shift_by(around: Sensitivity | None) -> Matrix | None:
     return np.asarray(-(basis / bends) @ basis.T @ around.curvature[:6, 6:])
 
 
-def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:
-    """Compute the covariance (6, 6) of the pose from errors of the intrinsics; None if they are exact or unknown.
+def twist_by_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:
+    """Compute the twist (6, 4) of the pose by an error of one standard deviation of fx, fy, cx and cy.
+
+    Times its transpose, it is the covariance of the pose from errors of the intrinsics.
 
     Args:
         shift: (6, n) result of `shift_by`, first by fx, fy, cx and cy.
         camera: The camera, which may state the errors.
+
+    Returns:
+        None if the intrinsics are exact, or their effect is unknown.
     """
     if shift is None:
         return None
     stated = sigma_of(camera)
     by_sigma = shift[:, :4] * [stated.fx, stated.fy, stated.cx, stated.cy]
-    return np.asarray(by_sigma @ by_sigma.T) if by_sigma.any() else None
+    return np.asarray(by_sigma) if by_sigma.any() else None
+
+
+def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:
+    """Compute the covariance (6, 6) of the pose from errors of the intrinsics; arguments as `twist_by_intrinsics`."""
+    twist = twist_by_intrinsics(shift, camera)
+    return None if twist is None else np.asarray(twist @ twist.T)
 
 
 def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:

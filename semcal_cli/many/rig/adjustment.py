@@ -214,15 +214,19 @@ def adjust(
     whole = parts.sum(axis=1) + np.diag(state.of_constraints)
     freedom = whole**2 / (parts**2 / degrees).sum(axis=1)
     found = {}
-    for name, place in zip(used, _places(len(used)), strict=True):
-        T, covariance = state.poses[name], state.covariance[place, place]
-        symmetric = 0.5 * (covariance + covariance.T)
-        uncertainty = Uncertainty.from_covariance(T, symmetric, freedom[place])
-        part = of_intrinsics[place, place]
-        rows = tuple(map(tuple, (0.5 * (part + part.T)).tolist())) if part.any() else None
-        found[name] = T, uncertainty.model_copy(update={"covariance_of_intrinsics": rows})
-    covariance_rows = tuple(map(tuple, state.covariance.tolist()))
-    return Adjustment(cameras=tuple(used), covariance=covariance_rows, constraints=tuple(compared)), found
+    for name, place, own in zip(used, _places(len(used)), uncertainties, strict=True):
+        T, covariance, part = state.poses[name], state.covariance[place, place], of_intrinsics[place, place]
+        changes = {"covariance_of_intrinsics": _rows(0.5 * (part + part.T)) if part.any() else None}
+        if own.twist_by_intrinsics is not None:
+            changes["twist_by_intrinsics"] = _rows(
+                state.gain[place, place] @ np.array(own.twist_by_intrinsics)
+            )
+        uncertainty = Uncertainty.from_covariance(T, 0.5 * (covariance + covariance.T), freedom[place])
+        found[name] = T, uncertainty.model_copy(update=changes)
+    together = Adjustment(
+        cameras=tuple(used), covariance=_rows(state.covariance), constraints=tuple(compared)
+    )
+    return together, found
 
 
 def adjusted_calibration(
@@ -253,7 +257,7 @@ def adjusted_calibration(
         f"{figure(away.rotation_deg)} degrees"
     )
     changes = {
-        "uncertainty": uncertainty,
+        "uncertainty": uncertainty.with_pixels(calibration.used_camera),
         "quality": quality,
         "stages": calibration.stages | {STAGE: stage},
         "notes": (*calibration.notes, note),
@@ -277,6 +281,10 @@ def _num_alike(
         sharing = {name for name in names if "cues" in cameras[name].settings.options}
         counts |= dict.fromkeys(sharing, len(sharing))
     return counts
+
+
+def _rows(matrix: Matrix) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, matrix.tolist()))
 
 
 def _places(count: int) -> list[slice]:
