@@ -22,6 +22,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "initialize": ("initialize my_drive -o start.yaml",),
     "refine": ("refine my_drive --init start.yaml -o front.yaml",),
     "verify": (
+        "verify recording.mcap",
         "verify new_drive front.yaml",
         "verify new_drive front.yaml --max-translation-m 0.03 --junit front.xml",
     ),
