@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
@@ -39,12 +39,43 @@ from semcal_cli.importing.recognition import Recognised, recognise
 if TYPE_CHECKING:
     from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.cli.verify import VerifySettings
 
 OF_RECORDINGS, OF_DATASETS = ("--points", "--image"), ("--sequence", "--camera")
 """Options that choose from a recording, and from a data set."""
 ODOMETRY = "kiss_icp"
 """Library that estimates the motion."""
+
+
+class GivenSettings(Protocol):
+    """What the settings of a command say of a recording or a data set: its path, and the choices of its import."""
+
+    @property
+    def drive(self) -> Path:
+        """A drive, or what is given in its place."""
+
+    @property
+    def max_points(self) -> int:
+        """Largest sweep to accept, in points."""
+
+    @property
+    def quiet(self) -> bool:
+        """Whether only errors and results are printed."""
+
+    @property
+    def points(self) -> str | None:
+        """Topic of a recording's sweeps."""
+
+    @property
+    def image(self) -> str | None:
+        """Topic of a recording's images."""
+
+    @property
+    def sequence(self) -> str | None:
+        """Name of a data set's sequence."""
+
+    @property
+    def camera(self) -> str | None:
+        """Name of a data set's camera."""
 
 
 def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSettings:
@@ -81,8 +112,19 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
 
 
 @contextmanager
-def temporary_drive(settings: VerifySettings, terminal: Terminal) -> Iterator[VerifySettings]:
+def temporary_drive(
+    settings: GivenSettings, terminal: Terminal, *outputs: Path | None, needs_transform: bool
+) -> Iterator[Path]:
     """Import what is given in the place of a drive into a temporary one; a drive stays as it is.
+
+    Args:
+        settings: What is given, and the choices of its import.
+        terminal: Where to print what is left out of it.
+        outputs: Files that the command will write, which must not replace what is given.
+        needs_transform: Whether the drive must state a transform.
+
+    Yields:
+        The drive.
 
     Raises:
         click.UsageError: an option is for something else than what is given.
@@ -91,21 +133,21 @@ def temporary_drive(settings: VerifySettings, terminal: Terminal) -> Iterator[Ve
     """
     given = settings.drive
     if (source := _source_of(settings)) is None:
-        yield settings
+        yield given
         return
-    check_outputs([given], settings.junit, settings.page)
+    check_outputs([given], *outputs)
     options = _options(settings, is_recording=source.is_recording)
     with TemporaryDirectory(prefix="semcal_") as folder:
         drive = Path(folder) / source.drive
         with _choices_of_import(source, source.drive, options):
             _import(settings, source, drive, terminal, is_temporary=True)
-        if settings.calibration is None and read_drive(drive, settings.max_points).T_camera_lidar is None:
+        if needs_transform and read_drive(drive, settings.max_points).T_camera_lidar is None:
             advice = f"`{shell('verify', given, 'CALIBRATION')}` takes one from a file"
             raise InputError(f"{given}: found no transform from the sweeps to the images to verify; {advice}")
-        yield replace(settings, drive=drive, given=given)
+        yield drive
 
 
-def _source_of(settings: CalibrateSettings | VerifySettings) -> Recognised | None:
+def _source_of(settings: GivenSettings) -> Recognised | None:
     """Recognise what is given in the place of a drive; None for a drive or a rig.
 
     Raises:
@@ -143,7 +185,7 @@ def _choices_of_import(source: Recognised, drive: Path, options: list[str]) -> I
 
 
 def _import(
-    settings: CalibrateSettings | VerifySettings,
+    settings: GivenSettings,
     source: Recognised,
     drive: Path,
     terminal: Terminal,
@@ -220,7 +262,7 @@ def _illustrated(settings: CalibrateSettings) -> CalibrateSettings:
     return replace(settings, page=page, images=images)
 
 
-def _options(settings: CalibrateSettings | VerifySettings, *, is_recording: bool) -> list[str]:
+def _options(settings: GivenSettings, *, is_recording: bool) -> list[str]:
     """List the options of the import of a recording or a data set."""
     chosen = {
         "--points": settings.points,
@@ -232,7 +274,7 @@ def _options(settings: CalibrateSettings | VerifySettings, *, is_recording: bool
 
 
 def _import_recording(
-    settings: CalibrateSettings | VerifySettings,
+    settings: GivenSettings,
     path: Path,
     terminal: Terminal,
     about: dict[str, Any],

@@ -126,12 +126,18 @@ def verify(settings: VerifySettings) -> None:
     outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
     with errors_reported("verify", subject, settings.junit, read):
         settings.check()
-        with temporary_drive(settings, settings.terminal()) as imported:
+        needs_transform = settings.calibration is None
+        written = settings.junit, settings.page
+        with temporary_drive(
+            settings, settings.terminal(), *written, needs_transform=needs_transform
+        ) as drive:
+            given = None if drive == settings.drive else settings.drive
+            imported = replace(settings, drive=drive, given=given)
             pose, config = imported.initial_pose, imported.config
             with loaded_drive(imported, config, outputs, pose, as_result_sees=True) as (data, terminal):
                 verification = check(data, pose, settings.limits, config, terminal.on_event)
                 if outputs.is_illustrated:
-                    _illustrate(verification, data, pose, outputs, terminal, imported.given)
+                    _illustrate(verification, data, pose, outputs, terminal, given)
     cases = [Case.of_check(check) for check in verification.checks]
     if verification.is_reasoned:
         # No check is judged, so CI counts the drive as a whole.
