@@ -85,9 +85,10 @@ class Calibration(CalibrationDocument):
             write_calibration(self, path)
             return
         given = options or FormatOptions()
-        write_transform(
-            self.T_camera_lidar, path, to, replace(given, intrinsics=given.intrinsics or self.used_camera)
-        )
+        intrinsics = given.intrinsics or self.used_camera
+        covariance = self.believed_covariance if given.covariance is None else given.covariance
+        of_self = replace(given, intrinsics=intrinsics, covariance=covariance)
+        write_transform(self.T_camera_lidar, path, to, of_self)
 
     def __str__(self) -> str:
         """Return about ten lines: the verdict, the transform, where it puts the camera, and what speaks against it."""

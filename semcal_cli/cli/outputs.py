@@ -137,7 +137,8 @@ class Outputs:
             from semcal_cli.formats import write_transform
 
             name, options = self.to
-            write_transform(np.eye(4), None, name, replace(options, intrinsics=drive.camera))
+            options = replace(options, intrinsics=drive.camera, covariance=np.eye(6))
+            write_transform(np.eye(4), None, name, options)
         elif self.output is not None:
             output_format(self.output)
             self.check_replaced()
@@ -220,7 +221,12 @@ class Outputs:
 
             name, options = self.to
             tell = partial(click.echo, err=True)
-            options = replace(options, intrinsics=calibration.used_camera, on_note=tell)
+            options = replace(
+                options,
+                intrinsics=calibration.used_camera,
+                covariance=calibration.believed_covariance,
+                on_note=tell,
+            )
             content = write_transform(calibration.pose, self.output, name, options)
             if self.output is None:
                 click.echo(content, nl=False)
