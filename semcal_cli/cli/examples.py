@@ -35,6 +35,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "convert T.txt --direction lidar-to-camera --to semcal -o start.yaml",
     ),
     "export rerun": ("export rerun my_drive front.yaml -o front.rrd",),
+    "export mcap": ("export mcap my_drive front.yaml -o front.mcap",),
     "export ply": ("export ply my_drive front.yaml -o points",),
     "batch": (
         "batch 'drives/*' -o results",
