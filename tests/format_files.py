@@ -142,6 +142,24 @@ FILES: dict[str, tuple[str, str, FormatOptions]] = {
         FormatOptions(lidar="l"),
     ),
     "tf2": ("a.yaml", yaml.dump(STAMPED), FormatOptions()),
+    "pose-with-covariance": (
+        "a.yaml",
+        yaml.dump(
+            {
+                "pose": {
+                    "position": named("xyz", T_LIDAR_CAMERA[:3, 3]),
+                    "orientation": named("xyzw", xyzw(T_LIDAR_CAMERA)),
+                },
+                "covariance": [0.0] * 36,
+            }
+        ),
+        FormatOptions(),
+    ),
+    "gtsam": (
+        "a.json",
+        json.dumps({"T_lidar_camera": T_LIDAR_CAMERA.tolist(), "tangent": "", "covariance": []}),
+        FormatOptions(),
+    ),
     "apollo": ("a.yaml", yaml.dump(STAMPED | {"child_frame_id": "front_6mm"}), FormatOptions()),
     "autoware": ("a.yaml", yaml.dump(KIT), FormatOptions(camera="camera0/camera_link")),
     "autoware, optical": ("a.yaml", yaml.dump(KIT), FormatOptions(camera="camera1/camera_optical_link")),

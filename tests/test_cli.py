@@ -212,11 +212,12 @@ ORDERS = {
     "calibrate C": "semcal calibrate DRIVE|RECORDING|DATASET",
     "inspect C": "semcal inspect DRIVE",
     "refine C --init C": "semcal refine DRIVE --init FILE",
-    "verify C C": "semcal verify DRIVE CALIBRATION",
+    "verify C C": "semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]",
+    "verify D": "semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]",
     "report C D -o O.html": "semcal report DRIVE CALIBRATION -o FILE",
     "overlay C D -o O": "semcal overlay DRIVE CALIBRATION",
     "export rerun C D -o O.rrd": "semcal export rerun DRIVE [CALIBRATION] -o FILE",
-    "verify D D": "semcal verify DRIVE CALIBRATION",
+    "verify D D": "semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]",
     "compare C D": "",
 }
 """Commands with a calibration C or a drive D without a reference in a wrong place, and the order that they tell."""
@@ -231,7 +232,7 @@ def test_a_misplaced_file_is_told_with_the_order(drive: Path, tmp_path: Path, cl
     code, out, err = cli(*({"C": given, "D": drive}.get(word, word) for word in command))
     assert (code, out) == (EXIT_FAILURE, "")
     found = f"{given}: found a calibration, expected a drive"
-    if line in ("verify D D", "compare C D"):
+    if line in ("verify D", "verify D D", "compare C D"):
         needed = "expected a transform, or a drive with T_camera_lidar"
         found = f"{drive / DRIVE_FILE}: found a drive without a reference, {needed}"
     order = f"; the order is `{ORDERS[line]}`" if ORDERS[line] else ""

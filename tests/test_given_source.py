@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +25,9 @@ from semcal_cli.result.calibration_document import read_calibration
 
 VERDICTS = (0, 3)
 """Exit codes of a written result: four frames of one street by edges are too few to be trusted."""
+
+VERDICTS_OF_VERIFY = (3, 4)
+"""Exit codes of a transform that is off: it fails, or the few frames do not show by how much."""
 
 
 @pytest.fixture
@@ -210,3 +215,68 @@ def test_a_recording_names_its_drive_and_its_commands(
     typed = given if name.startswith("-") else name
     assert told_commands(err)[0] == ["import", "bag", typed, "--odometry", "-o", drive]
     assert Path(drive, "drive.yaml").is_file()
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder for temporary drives."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def offsets(out: str) -> dict[str, float]:
+    """Read the offsets of a verification in JSON, by check."""
+    return {check["name"]: check["offset"] for check in json.loads(out)["checks"]}
+
+
+@pytest.mark.parametrize("kind", ["mcap library", "ros1", "sqlite3"])
+def test_the_transform_of_a_recording_is_verified(
+    street: Path, street_truth: Pose, tmp_path: Path, temporary: Path, cli: Cli, kind: str
+) -> None:
+    """Its own, 1 degree off, and then another; the drive is temporary, and only the outputs are left."""
+    T = displace(street_truth, 1.0, 0.05, np.random.default_rng(1))
+    path = write_drive_as_bag(read_drive(street), tmp_path, kind, T_camera_lidar=T)
+    before, page, junit = {*tmp_path.iterdir()}, tmp_path / "v.html", tmp_path / "v.xml"
+    code, out, err = cli("verify", path, "--json", "--max-frames", "4", "--report", page, "--junit", junit)
+    assert code in VERDICTS_OF_VERIFY, err
+    assert offsets(out)["rotation overall"] == pytest.approx(1.0, abs=0.3)
+    assert f"read {path}: " in err
+    assert {*tmp_path.iterdir()} == before | {page, junit}
+    assert f"{path} on {path}, " in page.read_text()
+    assert f'file="{path}"' in junit.read_text()
+    other = tmp_path / "other.yaml"
+    other.write_text(f"semcal_transform: 1\nT_camera_lidar: {street_truth.tolist()}\n")
+    code, out, err = cli("verify", path, other, "--json", "--max-frames", "4", "-q")
+    assert code in (*VERDICTS_OF_VERIFY, 0)
+    assert offsets(out)["rotation overall"] < 0.5
+    assert str(temporary) not in out + err + page.read_text()
+    assert not [*temporary.iterdir()]
+
+
+def test_a_recording_without_a_transform_names_what_verifies_one(
+    tmp_path: Path, temporary: Path, cli: Cli
+) -> None:
+    path = small(tmp_path, "mcap library")
+    code, out, err = cli("verify", path, "-q")
+    assert (code, out) == (1, "")
+    assert err == (
+        f"semcal: error: {path}: found no transform from the sweeps to the images to verify; "
+        f"`semcal verify {path} CALIBRATION` takes one from a file\n"
+    )
+    assert not [*temporary.iterdir()]
+
+
+def test_a_verification_takes_a_drive_or_a_data_set_by_its_own_transform(
+    street: Path, tmp_path: Path, cli: Cli
+) -> None:
+    own, named = (cli("verify", *given, "--json", "-q") for given in ([street], [street, street]))
+    assert own == named
+    assert own[0] == 0
+    code, _, err = cli("verify", TREES["opencalib"](tmp_path / "road").root)
+    assert code == 1
+    assert f"`semcal verify {tmp_path / 'road'} --sequence 1`" in err
+    recorded = small(tmp_path, "mcap library")
+    code, _, err = cli("verify", recorded, "--junit", recorded)
+    assert (code, "found a file that this run reads or writes" in err) == (1, True)

@@ -103,7 +103,9 @@ def test_what_is_no_recording_is_not_recognised(street: Path, tmp_path: Path) ->
         assert recognise(path) is None
 
 
-@pytest.mark.parametrize("command", ["inspect {}", "verify {} {}", "label {} --points segments -o {out}"])
+@pytest.mark.parametrize(
+    "command", ["inspect {}", "overlay {} {} -o {out}", "label {} --points segments -o {out}"]
+)
 def test_other_commands_name_the_import(command: str, tmp_path: Path, cli: Cli) -> None:
     path = small(tmp_path, "mcap library")
     code, out, err = cli(*command.format(path, path, out=tmp_path / "out").split())

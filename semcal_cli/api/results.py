@@ -88,6 +88,7 @@ class Calibration(CalibrationDocument):
         own = replace(
             given,
             intrinsics=given.intrinsics or self.used_camera,
+            covariance=self.believed_covariance if given.covariance is None else given.covariance,
             frame_ids=given.frame_ids or self.input.frame_ids,
         )
         write_transform(self.T_camera_lidar, path, to, own)

@@ -22,6 +22,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "initialize": ("initialize my_drive -o start.yaml",),
     "refine": ("refine my_drive --init start.yaml -o front.yaml",),
     "verify": (
+        "verify recording.mcap",
         "verify new_drive front.yaml",
         "verify new_drive front.yaml --max-translation-m 0.03 --junit front.xml",
     ),
@@ -34,6 +35,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "convert T.txt --direction lidar-to-camera --to semcal -o start.yaml",
     ),
     "export rerun": ("export rerun my_drive front.yaml -o front.rrd",),
+    "export mcap": ("export mcap my_drive front.yaml -o front.mcap",),
     "export ply": ("export ply my_drive front.yaml -o points",),
     "batch": (
         "batch 'drives/*' -o results",

@@ -79,6 +79,55 @@ def rerun(settings: RerunSettings) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
+class McapSettings(DriveSettings):
+    """Settings of `export mcap`."""
+
+    calibration: Path = argument()
+    output: Path = option("File to write, .mcap.", "-o", "--output", required=True, metavar="FILE")
+    reference_direction: Direction | None = reference_direction()
+    max_frames: int | None = option("Write at most N evenly spaced frames; all if not given.", minimum=1)
+
+
+@export.command(
+    cls=SettingsCommand,
+    settings=McapSettings,
+    help="Write DRIVE as a recording of ROS 2, for Foxglove: sweeps, images, camera_info, and the transform in "
+    f"CALIBRATION in /tf_static. CALIBRATION is {KNOWN_TRANSFORMS}. In Foxglove, open the file, add an Image panel of "
+    "/camera/image_raw/compressed with the calibration /camera/camera_info, and show /points in it.",
+    short_help="A ROS 2 recording for Foxglove, .mcap.",
+)
+def mcap(settings: McapSettings) -> None:
+    """Write a recording of ROS 2."""
+    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.tables import wrapped
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.formats import read_reference
+    from semcal_cli.observations.frame_selection import with_few_frames
+    from semcal_cli.result.applied import apply_result
+
+    for package in ("rosbags", "mcap"):
+        check_installed("semcal export mcap", package, "bag")
+    from semcal_cli.formats.ros2_recording import has_stamps, write_recording
+
+    whole, output = read_drive(settings.drive, settings.max_points), settings.output
+    check_outputs(files_read(whole, settings.calibration), output)
+    extrinsic = read_reference(settings.calibration, settings.reference_direction)
+    applied = apply_result(extrinsic.record, whole, str(settings.calibration))
+    terminal = settings.terminal()
+    terminal.print_changes(applied.changes)
+    drive = applied.drive
+    if settings.max_frames is not None:
+        drive = with_few_frames(drive, settings.max_frames)
+    with terminal:
+        terminal.show("reading frames")
+        write_recording(drive, extrinsic.T_camera_lidar, output)
+    if not has_stamps(drive):
+        unknown = "the drive states no times of all sweeps and images: frames are a second apart"
+        terminal.print(*wrapped("note:", unknown, indent=6))
+    terminal.print(*wrapped("", f"wrote {output}: {counted(len(drive.frames), 'frame')}", indent=0))
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlySettings(DriveSettings):
     """Settings of `export ply`."""
 

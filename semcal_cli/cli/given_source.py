@@ -1,10 +1,13 @@
-"""A recording or a data set in the place of a drive: its import on the way to a calibration."""
+"""A recording or a data set in the place of a drive: its import on the way to a calibration or a verification."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
@@ -19,7 +22,7 @@ from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_page
 from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.settings import typed_words, without_option
 from semcal_cli.cli.tables import labelled, wrapped
-from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, read_drive
 from semcal_cli.errors import (
     ChoiceError,
     InputError,
@@ -31,7 +34,7 @@ from semcal_cli.errors import (
 from semcal_cli.files.documents import FORMATS, output_format
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import write_bytes
-from semcal_cli.importing.recognition import recognise
+from semcal_cli.importing.recognition import Recognised, recognise
 
 if TYPE_CHECKING:
     from semcal_cli.cli.calibrate_options import CalibrateSettings
@@ -41,6 +44,38 @@ OF_RECORDINGS, OF_DATASETS = ("--points", "--image"), ("--sequence", "--camera")
 """Options that choose from a recording, and from a data set."""
 ODOMETRY = "kiss_icp"
 """Library that estimates the motion."""
+
+
+class GivenSettings(Protocol):
+    """What the settings of a command say of a recording or a data set: its path, and the choices of its import."""
+
+    @property
+    def drive(self) -> Path:
+        """A drive, or what is given in its place."""
+
+    @property
+    def max_points(self) -> int:
+        """Largest sweep to accept, in points."""
+
+    @property
+    def quiet(self) -> bool:
+        """Whether only errors and results are printed."""
+
+    @property
+    def points(self) -> str | None:
+        """Topic of a recording's sweeps."""
+
+    @property
+    def image(self) -> str | None:
+        """Topic of a recording's images."""
+
+    @property
+    def sequence(self) -> str | None:
+        """Name of a data set's sequence."""
+
+    @property
+    def camera(self) -> str | None:
+        """Name of a data set's camera."""
 
 
 def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSettings:
@@ -53,6 +88,72 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
         ChoiceError: there are several topics, sequences or cameras.
         InputError: nothing can be calibrated, or the import fails.
     """
+    given = settings.drive
+    if (source := _source_of(settings)) is None:
+        return settings
+    drive, typed = folder_of(settings.output) / source.drive, settings
+    settings = _illustrated(settings)
+    _check_outputs(given, drive, typed, settings)
+    options = _options(settings, is_recording=source.is_recording)
+    path = drive / DRIVE_FILE
+    before = path.read_bytes() if path.is_file() else None
+    try:
+        with _choices_of_import(source, drive, options):
+            _import(settings, source, drive, terminal)
+        if before is not None and path.read_bytes() != before:
+            write_bytes(before, path)
+            kept = "found values that this import does not write, of another hand or other options"
+            raise OccupiedError(f"{path}: {kept}; `{shell('calibrate', drive)}` takes them")
+    except OccupiedError as error:
+        command = source.command(drive, *options, "--force")
+        raise InputError(f"{error.problem}, expected -o in another folder, or first `{command}`") from None
+    terminal.print(labelled("same as", source.command(drive, *options)))
+    return replace(settings, drive=drive)
+
+
+@contextmanager
+def temporary_drive(
+    settings: GivenSettings, terminal: Terminal, *outputs: Path | None, needs_transform: bool
+) -> Iterator[Path]:
+    """Import what is given in the place of a drive into a temporary one; a drive stays as it is.
+
+    Args:
+        settings: What is given, and the choices of its import.
+        terminal: Where to print what is left out of it.
+        outputs: Files that the command will write, which must not replace what is given.
+        needs_transform: Whether the drive must state a transform.
+
+    Yields:
+        The drive.
+
+    Raises:
+        click.UsageError: an option is for something else than what is given.
+        ChoiceError: there are several topics, sequences or cameras.
+        InputError: nothing can be verified, or the import fails.
+    """
+    given = settings.drive
+    if (source := _source_of(settings)) is None:
+        yield given
+        return
+    check_outputs([given], *outputs)
+    options = _options(settings, is_recording=source.is_recording)
+    with TemporaryDirectory(prefix="semcal_") as folder:
+        drive = Path(folder) / source.drive
+        with _choices_of_import(source, source.drive, options):
+            _import(settings, source, drive, terminal, is_temporary=True)
+        if needs_transform and read_drive(drive, settings.max_points).T_camera_lidar is None:
+            advice = f"`{shell('verify', given, 'CALIBRATION')}` takes one from a file"
+            raise InputError(f"{given}: found no transform from the sweeps to the images to verify; {advice}")
+        yield drive
+
+
+def _source_of(settings: GivenSettings) -> Recognised | None:
+    """Recognise what is given in the place of a drive; None for a drive or a rig.
+
+    Raises:
+        click.UsageError: an option is for something else than what is given.
+        InputError: it is neither, or makes no drive by itself.
+    """
     context, given = click.get_current_context(), settings.drive
     source = recognise(given)
     if source is None:
@@ -63,43 +164,46 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
             needed = f"expected a {DRIVE_FILE}, a recording or a data set"
             advice = "`semcal import --help` lists what makes a drive"
             raise InputError(f"{given}: found a folder without a drive, {needed}; {advice}")
-        return settings
+        return None
     if not source.is_importable:
         raise InputError(source.advice(given))
     others = OF_DATASETS if source.is_recording else OF_RECORDINGS
     refuse(context, others, f"cannot be used with {source.name}")
-    source = replace(source, sequence=settings.sequence or source.sequence)
-    drive, typed = folder_of(settings.output) / source.drive, settings
-    settings = _illustrated(settings)
-    _check_outputs(given, drive, typed, settings)
-    options = _options(settings, is_recording=source.is_recording)
-    path = drive / DRIVE_FILE
-    before = path.read_bytes() if path.is_file() else None
+    return replace(source, sequence=settings.sequence or source.sequence)
+
+
+@contextmanager
+def _choices_of_import(source: Recognised, drive: Path, options: list[str]) -> Iterator[None]:
+    """Write the imports with each choice that only an import has an option for."""
     try:
-        about: dict[str, Any] = {"output": drive, "quiet": settings.quiet}
-        if source.is_recording:
-            _import_recording(settings, source.root, terminal, about)
-        else:
-            about |= {
-                "camera": settings.camera,
-                "sequences": () if source.sequence is None else (source.sequence,),
-            }
-            dataset = OWN_SETTINGS.get(source.kind, DatasetSettings)(root=source.root, **about)
-            import_dataset(source.kind, dataset, is_last=False)
-        if before is not None and path.read_bytes() != before:
-            write_bytes(before, path)
-            kept = "found values that this import does not write, of another hand or other options"
-            raise OccupiedError(f"{path}: {kept}; `{shell('calibrate', drive)}` takes them")
-    except OccupiedError as error:
-        command = source.command(drive, *options, "--force")
-        raise InputError(f"{error.problem}, expected -o in another folder, or first `{command}`") from None
+        yield
     except ChoiceError as error:
         if any(words[0] in (*OF_RECORDINGS, *OF_DATASETS) for words in error.choices):
             raise
         commands = [f"`{source.command(drive, *options, *words)}`" for words in error.choices]
         raise InputError(f"{error.problem}, choose one: {', '.join(commands)}") from None
-    terminal.print(labelled("same as", source.command(drive, *options)))
-    return replace(settings, drive=drive)
+
+
+def _import(
+    settings: GivenSettings,
+    source: Recognised,
+    drive: Path,
+    terminal: Terminal,
+    *,
+    is_temporary: bool = False,
+) -> None:
+    """Make the drive of a recording or a data set."""
+    about: dict[str, Any] = {"output": drive, "quiet": settings.quiet}
+    read = source.root if is_temporary else None
+    if source.is_recording:
+        _import_recording(settings, source.root, terminal, about, read)
+        return
+    about |= {
+        "camera": settings.camera,
+        "sequences": () if source.sequence is None else (source.sequence,),
+    }
+    dataset = OWN_SETTINGS.get(source.kind, DatasetSettings)(root=source.root, **about)
+    import_dataset(source.kind, dataset, is_last=False, read=read)
 
 
 def _check_outputs(given: Path, drive: Path, typed: CalibrateSettings, settings: CalibrateSettings) -> None:
@@ -158,7 +262,7 @@ def _illustrated(settings: CalibrateSettings) -> CalibrateSettings:
     return replace(settings, page=page, images=images)
 
 
-def _options(settings: CalibrateSettings, *, is_recording: bool) -> list[str]:
+def _options(settings: GivenSettings, *, is_recording: bool) -> list[str]:
     """List the options of the import of a recording or a data set."""
     chosen = {
         "--points": settings.points,
@@ -170,12 +274,17 @@ def _options(settings: CalibrateSettings, *, is_recording: bool) -> list[str]:
 
 
 def _import_recording(
-    settings: CalibrateSettings, path: Path, terminal: Terminal, about: dict[str, Any]
+    settings: GivenSettings,
+    path: Path,
+    terminal: Terminal,
+    about: dict[str, Any],
+    read: Path | None,
 ) -> None:
     """Make the drive of a recording, with the motion by its sweeps where the library for it is installed."""
     has_odometry = is_installed(ODOMETRY)
     topics = {"points": settings.points, "image": settings.image}
-    import_recording(BagSettings(paths=(path,), odometry=has_odometry, **topics | about), is_last=False)
+    bag = BagSettings(paths=(path,), odometry=has_odometry, **topics | about)
+    import_recording(bag, is_last=False, read=read)
     if not has_odometry:
         missing = f"the motion of the LiDAR is not estimated: found no {ODOMETRY}; install {describe_extra('odometry')}"
         terminal.print(*wrapped("note:", missing, indent=6))

@@ -143,12 +143,18 @@ class ImportSettings(QuietSettings):
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
     def write(
-        self, recording: Recording, sweeps: Path | None = None, *, is_last: bool = True, **others: Any
+        self,
+        recording: Recording,
+        sweeps: Path | None = None,
+        *,
+        is_last: bool = True,
+        read: Path | None = None,
+        **others: Any,
     ) -> WrittenDrive:
         """Write the drive, and say what was written, and which command comes next if this one is the last.
 
-        With `sweeps`, this drive is the one of all sweeps, of which an accumulated one is made; `others` are options
-        that have another meaning here.
+        With `sweeps`, this drive is the one of all sweeps, of which an accumulated one is made; `read` is the data set
+        of a drive that is temporary; `others` are options that have another meaning here.
         """
         if self.odometry:
             check_installed("--odometry", "kiss_icp", "odometry")
@@ -159,7 +165,7 @@ class ImportSettings(QuietSettings):
         written = write_drive(recording, options, sweeps or self.output, force=self.force)
         if not self.quiet:
             copies = f", {counted(written.num_converted, 'cloud')} converted" if written.num_converted else ""
-            _tell(written, copies, is_last=is_last and sweeps is None)
+            _tell(written, copies, is_last=is_last and sweeps is None, read=read)
         return written
 
 
@@ -171,13 +177,24 @@ def _sweeps_drive(output: Path) -> Path:
     return path.parent / "sweeps" / path.name
 
 
-def _tell(written: WrittenDrive, details: str, lines: tuple[str, ...] = (), *, is_last: bool = True) -> None:
-    """Print what was written, what to know about it, and which command comes next if nothing else is written."""
+def _tell(
+    written: WrittenDrive,
+    details: str,
+    lines: tuple[str, ...] = (),
+    *,
+    is_last: bool = True,
+    read: Path | None = None,
+) -> None:
+    """Print what was written, what to know about it, and which command comes next if nothing else is written.
+
+    The path of a temporary drive helps nobody: what was `read` stands in its place.
+    """
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.result.next_steps import after_import
 
     remarks = (line for remark in written.remarks for line in wrapped("note:", remark, indent=6))
-    wrote = f"wrote {written.path}: {counted(written.num_frames, 'frame')}{details}"
+    wrote = f"wrote {written.path}" if read is None else f"read {read}"
+    wrote += f": {counted(written.num_frames, 'frame')}{details}"
     next_command = (f"next: {after_import(written.drive)}",) if is_last else ()
     for line in (wrote, *lines, *remarks, *next_command):
         click.echo(line, err=True)
@@ -416,13 +433,20 @@ def _import_all_cameras(settings: BagSettings) -> None:
     click.echo(f"next: {shell('calibrate', output / RIG_FILE, '-o', output / 'results')}", err=True)
 
 
-def _tell_import(written: WrittenDrive, num_sweeps: int, reasons: Counter[str], *, is_last: bool) -> None:
+def _tell_import(
+    written: WrittenDrive,
+    num_sweeps: int,
+    reasons: Counter[str],
+    *,
+    is_last: bool,
+    read: Path | None = None,
+) -> None:
     """Print what was made of a recording, and what was left out, by reason."""
     rows = reasons.most_common()
     left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
     if others := sum(count for _, count in rows[MAX_REASONS:]):
         left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
-    _tell(written, f" of {num_sweeps:,} sweeps", tuple(left_out), is_last=is_last)
+    _tell(written, f" of {num_sweeps:,} sweeps", tuple(left_out), is_last=is_last, read=read)
 
 
 def _request(settings: BagSettings) -> BagRequest:
@@ -452,8 +476,12 @@ def _check_libraries() -> None:
         check_installed("recordings", package, "bag")
 
 
-def import_recording(settings: BagSettings, *, is_last: bool = True) -> WrittenDrive:
+def import_recording(
+    settings: BagSettings, *, is_last: bool = True, read: Path | None = None
+) -> WrittenDrive:
     """Make a drive from a recording, and print what was written, and which command comes next if this one is the last.
+
+    Of a temporary drive, `read` is the recording that is named in its place.
 
     Raises:
         InputError: the recording or an option is wrong, or a library is missing.
@@ -473,7 +501,7 @@ def import_recording(settings: BagSettings, *, is_last: bool = True) -> WrittenD
     (done,) = imported.values()
     if not settings.quiet:
         is_last = is_last and settings.accumulate is None
-        _tell_import(done.written, done.num_sweeps, done.left_out, is_last=is_last)
+        _tell_import(done.written, done.num_sweeps, done.left_out, is_last=is_last, read=read)
     if settings.accumulate is not None:
         drive = read_drive(done.written.path)
         accumulate_into(settings.output, drive, settings, seconds=settings.accumulate, force=settings.force)
@@ -484,14 +512,13 @@ def _list(paths: tuple[Path, ...]) -> None:
     """Print the topics as a table."""
     from semcal_cli.importing.bags.bag import Bag
     from semcal_cli.importing.bags.topics import roles
-    from semcal_cli.importing.sweep_odometry import NS
 
     with Bag(paths) as recording:
         uses = roles(recording)
         rows = [HEADINGS]
         for topic in recording.topics:
             span, use = topic.span, uses.get(topic, "")
-            times = [f"{(time - recording.start_ns) / NS:.3f}" for time in (span.first_ns, span.last_ns)]
+            times = [f"{1e-9 * (time - recording.start_ns):.3f}" for time in (span.first_ns, span.last_ns)]
             first, last = times if span.num_messages else ("", "")
             is_choice = use in ("sweeps", "images", "fixed frames") and list(uses.values()).count(use) > 1
             choice = " (one of several)" if is_choice else ""
@@ -505,8 +532,12 @@ def _list(paths: tuple[Path, ...]) -> None:
         click.echo(f"note: {remark}", err=True)
 
 
-def import_dataset(name: str, settings: DatasetSettings, *, is_last: bool = True) -> WrittenDrive:
+def import_dataset(
+    name: str, settings: DatasetSettings, *, is_last: bool = True, read: Path | None = None
+) -> WrittenDrive:
     """Make a drive from a data set, and print what was written, and which command comes next if this one is the last.
+
+    Of a temporary drive, `read` is the data set that is named in its place.
 
     Raises:
         ChoiceError: there are several sequences or cameras.
@@ -531,7 +562,7 @@ def import_dataset(name: str, settings: DatasetSettings, *, is_last: bool = True
         raise InputError(f"{error}; {settings.root} looks like {source.name}: `{command}`") from None
     by_name = settings.image_labels is not None or settings.point_labels is not None
     recording = join_sequences(recordings, are_labelled_by_name=by_name, by_odometry=settings.odometry)
-    return settings.write(recording, is_last=is_last)
+    return settings.write(recording, is_last=is_last, read=read)
 
 
 def _dataset_command(name: str, summary: str, help: str) -> click.Command:

@@ -31,7 +31,7 @@ def odometry(settings: OdometrySettings) -> None:
     check_installed("semcal odometry", "kiss_icp", "odometry")
     from semcal_cli.files.output_files import write_text
     from semcal_cli.importing.motion_agreement import compare_with_drive
-    from semcal_cli.importing.sweep_odometry import NS, SIGMA, drive_motion
+    from semcal_cli.importing.sweep_odometry import SIGMA, drive_motion
 
     drive = read_drive(settings.drive, settings.max_points)
     check_outputs(files_read(drive), settings.output)
@@ -41,7 +41,7 @@ def odometry(settings: OdometrySettings) -> None:
     write_text(motion.tum(), settings.output)
     terminal.print(f"wrote {settings.output}: {counted(len(motion.poses), 'pose')}")
     if motion.doubtful_ns:
-        count, first_s = len(motion.doubtful_ns), motion.doubtful_ns[0] / NS
+        count, first_s = len(motion.doubtful_ns), 1e-9 * motion.doubtful_ns[0]
         terminal.print(
             f"note: the motion jumps {count:,} times, first at {first_s:.3f} s; no poses are written around jumps"
         )

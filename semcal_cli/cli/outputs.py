@@ -137,9 +137,8 @@ class Outputs:
             from semcal_cli.formats import write_transform
 
             name, options = self.to
-            write_transform(
-                np.eye(4), None, name, replace(options, intrinsics=drive.camera, frame_ids=drive.frame_ids)
-            )
+            own = replace(options, intrinsics=drive.camera, covariance=np.eye(6), frame_ids=drive.frame_ids)
+            write_transform(np.eye(4), None, name, own)
         elif self.output is not None:
             output_format(self.output)
             self.check_replaced()
@@ -226,6 +225,7 @@ class Outputs:
                 options,
                 intrinsics=calibration.used_camera,
                 frame_ids=calibration.input.frame_ids,
+                covariance=calibration.believed_covariance,
                 on_note=tell,
             )
             content = write_transform(calibration.pose, self.output, name, options)

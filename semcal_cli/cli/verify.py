@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from semcal_cli.cli.calibrate_options import RecordingSettings
 from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
 from semcal_cli.cli.convert import DIRECTION
 from semcal_cli.cli.options import (
@@ -37,11 +38,13 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class VerifySettings(LimitSettings, EstimateSettings):
+class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
     """Settings of `verify`."""
 
     rules = [none_of("--cue features", because="feature vectors have no histogram")]
-    calibration: Path = argument()
+    takes_recordings = True
+    drive: Path = argument(metavar="DRIVE|RECORDING|DATASET")
+    calibration: Path | None = argument()
     direction: Direction | None = option(DIRECTION.format("CALIBRATION"))
     max_delay_ms: float | None = option(
         "Largest allowed time offset of the camera, which is then estimated, too. Needs `motion:` with poses or a "
@@ -60,15 +63,19 @@ class VerifySettings(LimitSettings, EstimateSettings):
     )
     inconclusive: Inconclusive = inconclusive_choice()
     max_baseline_m: float = setting_of(RefinementConfig, "max_baseline_m")
+    given: Path | None = None
+    """The recording or the data set that the drive was made of; None for a drive of the user's."""
 
     @cached_property
     def initial_pose(self) -> InitialPose:
-        """The transform.
+        """The transform: that of CALIBRATION, or else the one that the drive states.
 
         Raises:
-            InputError: the file is not a transform.
+            InputError: the file is not a transform, or the drive has none.
         """
-        return read_initial_pose(self.calibration, self.direction, direction_option="--direction")
+        path = self.calibration or self.drive
+        pose = read_initial_pose(path, self.direction, direction_option="--direction")
+        return pose if self.calibration or self.given is None else replace(pose, name=str(self.given))
 
     @property
     def config(self) -> CalibrationConfig:
@@ -88,12 +95,16 @@ class VerifySettings(LimitSettings, EstimateSettings):
         Raises:
             InputError: the calibration is not a transform.
         """
-        _ = self.initial_pose
+        if self.calibration is not None:
+            _ = self.initial_pose
 
 
 @command(VerifySettings)
 def verify(settings: VerifySettings) -> None:
     """Verify the transform in CALIBRATION on DRIVE. CALIBRATION is {KNOWN_TRANSFORMS}.
+
+    Without CALIBRATION, verify the transform that the drive, the recording (/tf_static) or the data set
+    states. A recording (.mcap, .bag, .db3, or a folder of them) or a data set becomes a temporary drive.
 
     The pose is estimated again, starting from the transform. The limits hold along and about each
     axis of the camera, and in total; --max-delay-ms adds one for the time offset.
@@ -104,19 +115,29 @@ def verify(settings: VerifySettings) -> None:
     Exit code 0: every check passes. 3: an offset is beyond its limit, with a certainty of 95 %.
     4: the data are inconclusive; --inconclusive changes this code.
     """
+    from semcal_cli.cli.given_source import temporary_drive
     from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.files.output_files import write_text
     from semcal_cli.pipeline.verification import verify as check
 
-    start, subject = perf_counter(), f"{settings.drive}, {settings.calibration}"
+    start, read = perf_counter(), [*filter(None, (settings.drive, settings.calibration))]
+    subject = ", ".join(map(str, read))
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
-    with errors_reported("verify", subject, settings.junit, [settings.drive, settings.calibration]):
-        pose, config = settings.initial_pose, settings.config
-        with loaded_drive(settings, config, outputs, pose, as_result_sees=True) as (data, terminal):
-            verification = check(data, pose, settings.limits, config, terminal.on_event)
-            if outputs.is_illustrated:
-                _illustrate(verification, data, pose, outputs, terminal)
+    with errors_reported("verify", subject, settings.junit, read):
+        settings.check()
+        needs_transform = settings.calibration is None
+        written = settings.junit, settings.page
+        with temporary_drive(
+            settings, settings.terminal(), *written, needs_transform=needs_transform
+        ) as drive:
+            given = None if drive == settings.drive else settings.drive
+            imported = replace(settings, drive=drive, given=given)
+            pose, config = imported.initial_pose, imported.config
+            with loaded_drive(imported, config, outputs, pose, as_result_sees=True) as (data, terminal):
+                verification = check(data, pose, settings.limits, config, terminal.on_event)
+                if outputs.is_illustrated:
+                    _illustrate(verification, data, pose, outputs, terminal, given)
     cases = [Case.of_check(check) for check in verification.checks]
     if verification.is_reasoned:
         # No check is judged, so CI counts the drive as a whole.
@@ -153,6 +174,7 @@ def _illustrate(
     initial_pose: InitialPose,
     outputs: Outputs,
     terminal: Terminal,
+    given: Path | None,
 ) -> None:
     """Write the page and the images of a verification, if requested."""
     from semcal_cli.cli.outputs import count_images
@@ -161,7 +183,7 @@ def _illustrate(
 
     if outputs.page is not None:
         terminal.on_event(Progress("drawing points on images"))
-        page.write_verification(verification, data, initial_pose, outputs.page)
+        page.write_verification(verification, data, initial_pose, outputs.page, given)
         terminal.print_paths("report", [outputs.page])
     if outputs.images is not None:
         overlays = page.both_overlays(verification, data, initial_pose)

@@ -244,7 +244,12 @@ def convert(
             raise InputError(
                 f"{source}: found no camera, expected a semcal calibration or a drive: --to {to} writes intrinsics"
             )
-    written = replace(written, intrinsics=extrinsic.camera, frame_ids=extrinsic.frame_ids)
+    written = replace(
+        written,
+        intrinsics=extrinsic.camera,
+        covariance=extrinsic.covariance,
+        frame_ids=extrinsic.frame_ids,
+    )
     if path is not None and path.is_file() and descriptor(path) is None and not replaces:
         made = write_transform(extrinsic.T_camera_lidar, None, to, replace(written, on_note=None))
         if _without_numbers(read_bytes(path)) != _without_numbers(made):

@@ -157,11 +157,16 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
     if camera is None:
         raise InputError(f"--to {NAME}: found no camera, expected IN to be a semcal calibration or a drive")
     check_lens(f"--to {NAME}", camera, LENS_NAMES)
+    return camera_info_of(camera, options.camera or CAMERA)
+
+
+def camera_info_of(camera: Camera, name: str) -> dict[str, Any]:
+    """Make the document of a camera, whose lens is one of `LENS_NAMES`, as camera_calibration writes it."""
     numbers = numbers_of(camera)
     return {
         "image_width": camera.width,
         "image_height": camera.height,
-        "camera_name": options.camera or CAMERA,
+        "camera_name": name,
         "camera_matrix": _matrix(3, numbers),
         LENS: LENS_NAMES[camera.model],
         "distortion_coefficients": _matrix(1, _coefficients(camera)),

@@ -21,7 +21,7 @@ from semcal_cli.files.documents import document_text, parse_any
 from semcal_cli.files.input_files import read_bytes
 from semcal_cli.files.output_files import STANDARD_INPUT, read_standard_input
 from semcal_cli.formats.node import Node
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,9 @@ class FormatOptions:
     """Called for each invalid rotation that is replaced by the nearest rotation; None refuses such files."""
     is_written: bool = False
     """Whether the file is written, in which case the options of the command begin with `--to-`."""
+    covariance: Matrix | None = None
+    """Covariance (6, 6) to write, if the format holds one: of a twist (rho, phi) on the left of T_camera_lidar, metres
+    and radians, along the camera's axes; None if it is not known or not believed."""
 
     def __post_init__(self) -> None:
         """Check the values that a program passes; the command line checks its own options.

@@ -27,7 +27,7 @@ from semcal_cli.files.validation import (
     validate,
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import orthonormal
 from semcal_cli.result.calibration_document import CalibrationDocument, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -101,6 +101,11 @@ class Extrinsic:
         if uncertainty is None:
             return None
         return (*uncertainty.half_width_95_camera_center_m, *uncertainty.half_width_95_rotation_deg)
+
+    @cached_property
+    def covariance(self) -> Matrix | None:
+        """Covariance (6, 6) of a normal distribution: see `FormatOptions`; None if it is not known or not believed."""
+        return None if self.record is None else self.record.believed_covariance
 
     @cached_property
     def camera(self) -> Camera | None:

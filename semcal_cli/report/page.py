@@ -200,7 +200,11 @@ def both_overlays(verification: Verification, data: LoadedDrive, initial_pose: I
 
 
 def write_verification(
-    verification: Verification, data: LoadedDrive, initial_pose: InitialPose, path: Path
+    verification: Verification,
+    data: LoadedDrive,
+    initial_pose: InitialPose,
+    path: Path,
+    given: Path | None = None,
 ) -> None:
     """Write the page about a verification: the verdict axis by axis, and both transforms on the images.
 
@@ -209,6 +213,7 @@ def write_verification(
         data: The drive that it was found on.
         initial_pose: The transform that was verified.
         path: HTML file to write.
+        given: What the drive was made of, to name in its place; None names the drive.
 
     Raises:
         InputError: an image is missing or wrong, or the file cannot be written. An existing file then stays unchanged.
@@ -234,6 +239,7 @@ def write_verification(
         notices=(*camera, *applied.sentences, *verification.notes),
         name=name,
         drive=data.drive,
+        given=given or data.drive.path,
         verification=verification,
         checks=verification.checks,
         check_names=CHECK_NAMES,

@@ -23,7 +23,7 @@ from semcal_cli.files.validation import (
     length,
     validate,
 )
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
 from semcal_cli.result.refined_camera import CheckedIntrinsics, Clock, RefinedCamera
 from semcal_cli.result.sections import (
@@ -198,6 +198,12 @@ class CalibrationDocument(StrictModel):
     def believed_uncertainty(self) -> Uncertainty | None:
         """Uncertainty to show; None for a transform that is not trusted, which may be off by far more."""
         return self.uncertainty if self.is_believed else None
+
+    @property
+    def believed_covariance(self) -> Matrix | None:
+        """Covariance (6, 6) of xi as a normal distribution, see `Uncertainty`; None if it is not believed."""
+        uncertainty = self.believed_uncertainty
+        return None if uncertainty is None else uncertainty.widened_covariance
 
     @property
     def is_believed(self) -> bool:
