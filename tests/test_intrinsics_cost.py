@@ -16,9 +16,9 @@ from semcal_cli.estimation.refine.pyramid import refine_exactly
 from semcal_cli.estimation.uncertainty.covariance import MANY, Matrix, estimate_uncertainty
 from semcal_cli.estimation.uncertainty.intrinsics import (
     around_intrinsics,
-    covariance_of_intrinsics,
     intrinsics_cost,
     shift_by,
+    twist_by_intrinsics,
 )
 from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.arrays import Pose
@@ -69,9 +69,10 @@ def test_stated_errors_of_k_widen_the_interval(
     street_observations: Observations, polished: Pose, shift: Matrix
 ) -> None:
     camera = street_observations.camera.model_copy(update={"intrinsics_sigma": SIGMA})
-    assert covariance_of_intrinsics(shift, street_observations.camera) is None
-    of_intrinsics = covariance_of_intrinsics(shift, camera)
-    assert of_intrinsics is not None
+    assert twist_by_intrinsics(shift, street_observations.camera) is None
+    twist = twist_by_intrinsics(shift, camera)
+    assert twist is not None
+    of_intrinsics = twist @ twist.T
     np.testing.assert_allclose(of_intrinsics, 4.0 * shift @ shift.T)
     alone = estimate_uncertainty(street_observations, polished)
     wide = estimate_uncertainty(street_observations, polished, of_others=of_intrinsics)

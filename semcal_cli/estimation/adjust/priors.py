@@ -20,7 +20,7 @@ from semcal_cli import core
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
 from semcal_cli.estimation.stage import StageResult
-from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, covariance_of_intrinsics, shift_by
+from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, shift_by, twist_by_intrinsics
 from semcal_cli.estimation.uncertainty.sensitivity import (
     Measurement,
     Sensitivity,
@@ -266,7 +266,8 @@ def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix |
     camera = observations.camera
     if sigma_of(camera) == IntrinsicsSigma():
         return None
-    return covariance_of_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
+    twist = twist_by_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
+    return None if twist is None else np.asarray(twist @ twist.T)
 
 
 def _stack_priors(T_camera_lidar: Pose, priors: Sequence[Prior]) -> tuple[Matrix, Numbers, Numbers]:

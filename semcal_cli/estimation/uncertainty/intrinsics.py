@@ -75,12 +75,6 @@ def twist_by_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:
     return np.asarray(by_sigma) if by_sigma.any() else None
 
 
-def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:
-    """Compute the covariance (6, 6) of the pose from errors of the intrinsics; arguments as `twist_by_intrinsics`."""
-    twist = twist_by_intrinsics(shift, camera)
-    return None if twist is None else np.asarray(twist @ twist.T)
-
-
 def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:
     """State how far slightly wrong intrinsics move the pose.
 
