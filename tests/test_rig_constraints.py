@@ -79,8 +79,8 @@ def test_an_exact_constraint_is_met_and_a_vague_one_changes_nothing(alone: Calib
         for name, T in truth.items()
     }
     T = truth["front"] @ inverse(truth["left"])
-    _, found = adjust(cameras, [constraint("front", "left", T, by=1e-4)])
-    assert found["front"][0] @ inverse(found["left"][0]) == pytest.approx(T, abs=1e-6)
+    _, found = adjust(cameras, [constraint("front", "left", T, by=1e-3)])
+    assert found["front"][0] @ inverse(found["left"][0]) == pytest.approx(T, abs=1e-5)
     assert np.array_equal(found["rear"][0], cameras["rear"].pose)
     _, found = adjust(cameras, [constraint("front", "left", T, by=1e3)])
     for name in CAMERAS:
@@ -109,6 +109,60 @@ def test_a_wrong_constraint_is_named_and_draws_nothing(alone: CalibrationDocumen
     for name in CAMERAS:
         assert found[name][0] == pytest.approx(expected[name][0], abs=1e-12)
     assert adjustment.constraints[place].rotation_deg == pytest.approx(2.0, abs=0.5)
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_a_slightly_wrong_one_of_a_loop_is_found_in_any_place(alone: CalibrationDocument, place: int) -> None:
+    """Half a degree, where the cameras are known to a few hundredths, by four parts of the images."""
+    rng = np.random.default_rng(7)
+    truth, sigma = poses_of_three(rng), np.repeat([2e-3, np.radians(0.05)], 3)
+    few = alone.uncertainty.model_copy(update={"degrees_of_freedom": (4.0,) * 6})
+    alone = alone.model_copy(update={"uncertainty": few})
+    cameras = {
+        name: with_pose(alone, exp(sigma * rng.standard_normal(6)) @ T, np.diag(sigma**2))
+        for name, T in truth.items()
+    }
+    pairs = [("front", "left"), ("rear", "left"), ("front", "rear")]
+    wrong = exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(0.5), 0.0]))
+    constraints = [
+        constraint(to, source, (wrong if index == place else np.eye(4)) @ truth[to] @ inverse(truth[source]))
+        for index, (to, source) in enumerate(pairs)
+    ]
+    adjustment, _ = adjust(cameras, constraints)
+    assert [compared.is_kept for compared in adjustment.constraints] == [index != place for index in range(3)]
+
+
+def test_errors_that_cameras_share_do_not_average_out(alone: CalibrationDocument) -> None:
+    """By another cue than labels: twins that are tied are known as well as either, and vague ties change nothing."""
+    edges = alone.settings.model_copy(update={"options": {**alone.settings.options, "cues": {"edges": {}}}})
+    alone = alone.model_copy(update={"settings": edges})
+    covariance = np.diag(np.repeat([1e-2, np.radians(0.1)], 3) ** 2)
+    cameras = {name: with_pose(alone, np.eye(4), covariance) for name in ("front", "left")}
+    for by, expected in ((0.01, 1.0), (1e3, 1.0), (0.3, 1.0)):
+        _, found = adjust(cameras, [constraint("front", "left", np.eye(4), by)])
+        widths = np.array(found["front"][1].covariance).diagonal() / covariance.diagonal()
+        assert widths == pytest.approx(expected, abs=0.02)
+    labels = {
+        name: camera.model_copy(update={"settings": camera.settings.model_copy(update={"options": {}})})
+        for name, camera in cameras.items()
+    }
+    _, found = adjust(labels, [constraint("front", "left", np.eye(4), 0.01)])
+    assert np.array(found["front"][1].covariance).diagonal() / covariance.diagonal() == pytest.approx(
+        0.5, abs=0.01
+    )
+
+
+def test_a_camera_that_is_not_trusted_takes_no_part(alone: CalibrationDocument) -> None:
+    rng = np.random.default_rng(5)
+    truth, root = poses_of_three(rng), 1e-3 * rng.standard_normal((6, 6))
+    cameras = {name: with_pose(alone, T, root @ root.T) for name, T in truth.items()}
+    cameras["rear"] = cameras["rear"].model_copy(update={"status": "not_trusted", "reasons": ("why",)})
+    adjustment, found = adjust(cameras, [constraint("front", "rear", np.eye(4))])
+    assert (adjustment.constraints, adjustment.skipped, [*found]) == (
+        (),
+        (("front", "rear"),),
+        ["front", "left"],
+    )
 
 
 def rig_with(rig: Path, folder: Path, constraints: list[dict]) -> Path:
@@ -142,4 +196,23 @@ def test_the_command_adjusts_the_cameras(rig: Path, tmp_path: Path) -> None:
     # What was written is read again, with what ties the cameras.
     again = invoke("report", path, tmp_path / "out", "-o", tmp_path / "again.html")
     assert again.exit_code == 0, again.output
+    file = tmp_path / "out/rig_calibration.yaml"
+    for changes, complaint in (
+        ({"covariance": [[1.0]]}, "a covariance of another size"),
+        ({"covariance": np.diag([-1.0, *[1.0] * 11]).tolist()}, "a symmetric one with a positive diagonal"),
+        ({"covariance": np.triu(np.ones((12, 12))).tolist()}, "a symmetric one with a positive diagonal"),
+        ({"cameras": [NAMES[0]] * 2}, "each camera once"),
+        ({"cameras": ["a", "b"]}, "expected those of"),
+    ):
+        damaged = document | {"adjustment": document["adjustment"] | changes}
+        file.write_text(yaml.safe_dump(damaged))
+        result = invoke("report", path, tmp_path / "out", "-o", tmp_path / "damaged.html")
+        assert complaint in str(result.exception), result.output
+    wrong = document["adjustment"]["constraints"][0] | {"largest": 1e-9}
+    file.write_text(
+        yaml.safe_dump(document | {"adjustment": document["adjustment"] | {"constraints": [wrong]}})
+    )
+    assert invoke("report", path, tmp_path / "out", "-o", tmp_path / "wrong.html").exit_code in (0, 3)
+    assert "The cameras contradict a constraint" in (tmp_path / "wrong.html").read_text()
+    file.write_text(yaml.safe_dump(document))
     assert (tmp_path / "again.html").read_text() == (tmp_path / "page.html").read_text()

@@ -169,6 +169,11 @@ class RigCalibration:
                 notes.append(
                     f"T_{pair.a}_{pair.b} is {distance} from {pair.reference.source}, more than chance explains"
                 )
+        skipped = () if self.adjustment is None else self.adjustment.skipped
+        notes += [
+            f"the constraint of {to} and {source} was not used: one has no trusted pose"
+            for to, source in skipped
+        ]
         return tuple(notes)
 
 

@@ -27,8 +27,12 @@ from semcal_cli.geometry.poses import inverse, nearest_rigid
 RESULT = "rig_calibration"
 """Name of the result of the whole rig, next to the results of its cameras."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+MAX_CONSTRAINTS = 30
+"""Largest number of constraints, each of which is compared with all others."""
 MAX_SIGMA_M, MAX_SIGMA_DEG = 10.0, 180.0
 """Largest standard deviations of a constraint: more says nothing."""
+MIN_SIGMA_M, MIN_SIGMA_DEG = 1e-6, 1e-5
+"""Smallest ones: less is round-off of stated transforms."""
 SAMPLE_BYTES = 65_536
 """Number of bytes in the middle of a file that, with its size, identify copies. No two sweeps agree in them."""
 _CameraGroup: TypeAlias = tuple[list[str], set[Hashable]]
@@ -44,10 +48,15 @@ class Constraint(StrictModel):
     """Camera to whose frame it leads."""
     T_to_from: StatedTransform
     """The transform in metres, p_to = T_to_from * p_from."""
-    sigma_m: Annotated[float, Field(gt=0.0, le=MAX_SIGMA_M)]
+    sigma_m: Annotated[float, Field(ge=MIN_SIGMA_M, le=MAX_SIGMA_M)]
     """Standard deviation of the position along each axis, in metres."""
-    sigma_deg: Annotated[float, Field(gt=0.0, le=MAX_SIGMA_DEG)]
+    sigma_deg: Annotated[float, Field(ge=MIN_SIGMA_DEG, le=MAX_SIGMA_DEG)]
     """Standard deviation of the rotation about each axis, in degrees."""
+
+    @property
+    def cameras(self) -> frozenset[str]:
+        """Both cameras."""
+        return frozenset({self.source, self.to})
 
     @property
     def pose(self) -> Pose:
@@ -71,7 +80,7 @@ class Rig(StrictModel):
     """Reference transforms between cameras, for comparison only. The entry b under a is T_a_b in metres, with
     p_a = T_a_b * p_b, as from a stereo calibration."""
 
-    constraints: Annotated[tuple[Constraint, ...], length(0, MAX_CAMERAS)] = ()
+    constraints: Annotated[tuple[Constraint, ...], length(0, MAX_CONSTRAINTS)] = ()
     """Known transforms between cameras, to which their calibrations are adjusted."""
 
     _path: Path = PrivateAttr(default=Path(RIG_FILE))
@@ -115,7 +124,7 @@ class Rig(StrictModel):
     def _check_constraints(self) -> Rig:
         pairs = set[frozenset[str]]()
         for index, constraint in enumerate(self.constraints):
-            pair = frozenset({constraint.source, constraint.to})
+            pair = constraint.cameras
             for name in sorted(pair):
                 if name not in self.cameras:
                     raise ValueError(
@@ -165,7 +174,7 @@ class Rig(StrictModel):
                     "expected the same LiDAR"
                 )
         constrained = [[constraint.source, constraint.to] for constraint in self.constraints]
-        groups = merge_overlapping(
+        groups = _merge_overlapping(
             (names, set[Hashable](names)) for names in [*connected_cameras(drives), *constrained]
         )
         group, *other_groups = [list(dict.fromkeys(names)) for names, _ in groups] or [[]]
@@ -241,10 +250,10 @@ def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
     files = {
         name: {cloud_path(drive, frame.points) for frame in drive.frames} for name, drive in drives.items()
     }
-    groups = merge_overlapping(([name], set[Hashable](files[name])) for name in drives)
+    groups = _merge_overlapping(([name], set[Hashable](files[name])) for name in drives)
     if len(groups) > 1:
         clouds = [(names, set().union(*(files[name] for name in names))) for names, _ in groups]
-        groups = merge_overlapping(
+        groups = _merge_overlapping(
             (names, {_content_key(path) for path in paths})
             for names, paths in clouds
             if all(os.access(path, os.R_OK) and path.is_file() for path in paths)
@@ -268,7 +277,7 @@ def _content_key(path: Path) -> tuple[int, bytes]:
         return size, sha256(file.read(SAMPLE_BYTES)).digest()
 
 
-def merge_overlapping(groups: Iterable[_CameraGroup]) -> list[_CameraGroup]:
+def _merge_overlapping(groups: Iterable[_CameraGroup]) -> list[_CameraGroup]:
     """Join the groups whose clouds overlap."""
     merged: list[_CameraGroup] = []
     for names, clouds in groups:

@@ -90,7 +90,11 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         sure = f"each is known to {widest(widths)} or better" if half_widths else ""
         all_of_them = "Both" if len(statuses) == 2 else f"All {len(statuses)}"
         return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} cameras are trusted.", sure)
+    contradictions = [constraint.reason for constraint in rig.contradictions]
     worst, is_failed = names[rig.status], rig.status == "failed"
+    if not worst:
+        title, sentence = "The cameras contradict a constraint", "Each camera is trusted alone."
+        return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(contradictions)))
     verb = "" if is_failed else "is " if len(worst) == 1 else "are "
     title = f"{len(worst)} of {len(statuses)} cameras {verb}{STATUSES[rig.status]}"
     groups = {
@@ -99,7 +103,8 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         "Do not use these, for the reasons below": names["failed"] + names["not_trusted"],
     }
     sentence = " ".join(f"{advice}: {listed(members)}." for advice, members in groups.items() if members)
-    reasons = list(link_reasons([f"{name}: {error}" for name, error in rig.failures.items()]))
+    reasons = list(link_reasons(contradictions))
+    reasons += link_reasons([f"{name}: {error}" for name, error in rig.failures.items()])
     for name, calibration in rig.cameras.items():
         reasons += link_reasons(calibration.reasons, calibration.topics, f"{name}: ")
     return PageVerdict("fail" if is_failed else rig.status, title, sentence, reasons=tuple(reasons))

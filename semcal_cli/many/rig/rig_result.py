@@ -110,6 +110,10 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
         raise InputError(
             f"{path}: cameras: found {listed(result.cameras)}, expected those of {rig.path}: {listed(drives)}"
         )
+    if result.adjustment is not None and not {*result.adjustment.cameras} <= drives.keys():
+        raise InputError(
+            f"{path}: adjustment.cameras: found {listed(result.adjustment.cameras)}, expected some of {listed(drives)}"
+        )
     cameras, failures = {}, {}
     for name in drives:
         camera = result.cameras[name]
