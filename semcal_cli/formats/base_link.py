@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
+from pydantic import Field
 
 from semcal_cli.config.directions import BaseDirection
-from semcal_cli.drive.frame_ids import FrameId
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.validation import (
     Count,
@@ -52,6 +52,9 @@ TURNS = ("left of forward", "right of forward"), ("down", "up"), ("to the right"
 """Words for positive and negative yaw, pitch and roll of a camera's body frame: see `pose_from_mounting`."""
 
 
+Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=200)]
+
+
 class HalfWidths(StrictModel):
     """Half widths of 95 % intervals; None where the drive does not determine one."""
 
@@ -72,9 +75,9 @@ class BaseDocument(StrictModel):
     """Version of this format."""
     T_base_lidar: RigidTransform
     """p_base = T_base_lidar * p_lidar, metres. The base has x forward, y left, z up, and its origin on the ground."""
-    base_frame: FrameId = BASE_LINK
+    base_frame: Name = BASE_LINK
     """Name of the vehicle's frame."""
-    lidar_frame: FrameId | None = None
+    lidar_frame: Name | None = None
     """Name of the frame of the sweeps, where the drive has one."""
     rpy_deg: Vector3 | None = None
     """Roll, pitch and yaw of T_base_lidar, degrees: R = Rz(yaw) Ry(pitch) Rx(roll)."""
