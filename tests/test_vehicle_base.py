@@ -222,6 +222,7 @@ def test_the_result_is_what_convert_takes(vehicle: tuple[Path, np.ndarray], tmp_
     document = yaml.safe_load(base.read_text())
     T = np.array(document["T_base_lidar"])
     np.testing.assert_allclose(T, T_base_lidar, atol=0.02)
+    assert abs(document["rpy_deg"][2] - 20.0) < document["half_width_95"]["yaw_deg"]
     assert document["lidar_frame"] == "os_sensor"
     assert document["yaw_from"] == "motion"
     done = invoke("convert", root, "--to", "tf2", "--base", base, "-o", out)

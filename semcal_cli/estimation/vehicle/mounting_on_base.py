@@ -115,6 +115,8 @@ def estimate_mounting(drive: Drive) -> VehicleMounting:
         )
     roll_rad, pitch_rad, up = _mean_tilt(of_scenes)
     travel, no_yaw = _travel(drive, up)
+    if travel is not None:
+        travel = travel._replace(yaw_rad=_with_tilt(travel.yaw_rad, roll_rad, pitch_rad))
     return VehicleMounting(
         up, roll_rad, pitch_rad, height_m, travel, no_yaw, len(planes), len(sweeps), len(of_scenes)
     )
@@ -147,12 +149,26 @@ def _mean_tilt(grounds: list[Ground]) -> tuple[Estimate, Estimate, Vector]:
     roll, pitch = (trimmed_mean(values) for values in off.T)
     roll = Estimate(math.remainder(first_roll + roll.value, 2.0 * math.pi), roll.half_width_95)
     pitch = Estimate(first_pitch + pitch.value, pitch.half_width_95)
-    cos_pitch = math.cos(pitch.value)
-    # The third row of Ry(pitch) Rx(roll).
-    up = np.array(
-        [-math.sin(pitch.value), cos_pitch * math.sin(roll.value), cos_pitch * math.cos(roll.value)]
-    )
-    return roll, pitch, up
+    return roll, pitch, _up(roll.value, pitch.value)
+
+
+def _up(roll_rad: float, pitch_rad: float) -> Vector:
+    """Compute the third row (3,) of Ry(pitch) Rx(roll)."""
+    cos_pitch = math.cos(pitch_rad)
+    return np.array([-math.sin(pitch_rad), cos_pitch * math.sin(roll_rad), cos_pitch * math.cos(roll_rad)])
+
+
+def _with_tilt(yaw: Estimate, roll: Estimate, pitch: Estimate) -> Estimate:
+    """Add what roll and pitch leave open to the interval of yaw: the direction of travel in the LiDAR frame stays."""
+    if yaw.half_width_95 is None:
+        return yaw
+    level = np.array([math.cos(yaw.value), -math.sin(yaw.value), 0.0])
+    forward = level_axes(_up(roll.value, pitch.value)).T @ level
+    square = yaw.half_width_95**2
+    for off_roll, off_pitch in ((roll.half_width_95 or 0.0, 0.0), (0.0, pitch.half_width_95 or 0.0)):
+        x, y, _ = level_axes(_up(roll.value + off_roll, pitch.value + off_pitch)) @ forward
+        square += math.remainder(-math.atan2(y, x) - yaw.value, 2.0 * math.pi) ** 2
+    return Estimate(yaw.value, math.sqrt(square))
 
 
 def _rotation(R: Pose) -> Pose:
