@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from semcal_cli.files.documents import (
 from semcal_cli.files.validation import NEWEST_VERSION, validate
 from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.formats.base_link import read_base
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.labelling.card import read_card
 from semcal_cli.many.batch.records import Record
@@ -56,6 +58,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "semcal_rig_calibration-1/camera_1.yaml": read_calibration,
     "semcal_fleet-1/fleet.yaml": read_transform,
     "semcal_transform-1/transform.yaml": read_transform,
+    "semcal_base-1/base.yaml": partial(read_base, direction=None, name=None, lidar=None, recorded=None),
     "semcal_image_model-1/card.yaml": read_card,
     "semcal_point_model-1/card.yaml": read_card,
 }

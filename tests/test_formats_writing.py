@@ -92,7 +92,8 @@ def test_what_may_be_another_camera_s_is_not_written_as_camera_0_s(tmp_path: Pat
 @pytest.mark.parametrize(("name", "relative_to"), RELATIVE.items())
 def test_what_is_relative_to_something_else_is_only_read(name: str, relative_to: str) -> None:
     with pytest.raises(
-        InputError, match=f"--to {name}: poses are relative to the {relative_to}; choose another format: "
+        InputError,
+        match=f"--to {name}: poses are relative to the {relative_to}; (add --base .*, or )?choose another format: ",
     ):
         find_format(name).write(T_ANY, FormatOptions())
 

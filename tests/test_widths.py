@@ -25,6 +25,7 @@ LINES = (
     "label d --points segments -o s",
     "label --list-models",
     "convert c.yaml --to opencalib -o T.txt",
+    "base d --yaw-deg 0 -o base.yaml",
     "convert --formats",
     "export rerun d c.yaml -o c.rrd",
     "overlay d c.yaml -o o",

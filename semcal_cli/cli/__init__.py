@@ -60,6 +60,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "view": "Adjust a transform by hand in the browser.",
     },
     "Export": {
+        "base": "Estimate the pose of the LiDAR on its vehicle, for base_link.",
         "convert": "Convert a transform to the format of another tool.",
         "export": "Export a drive to a viewer, or as coloured points.",
     },

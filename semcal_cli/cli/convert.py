@@ -12,7 +12,7 @@ import click
 from semcal_cli.cli.options import result_file
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import INPUT_FILE, argument, command, option
-from semcal_cli.config.directions import CameraFrame, Direction
+from semcal_cli.config.directions import BaseDirection, CameraFrame, Direction
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
@@ -84,6 +84,8 @@ class ConvertSettings(WrittenSettings):
         one_of("--to", "--into"),
         given("--to").excludes("--into"),
         given("--key").requires("--into"),
+        given("--base").requires("--to"),
+        given("--base-direction", "--base-frame").requires("--base"),
     ]
     source: Path = argument(type=INPUT_FILE, metavar="IN")
     from_: str | None = format_name("Format of IN, if its content does not show it.", "--from")
@@ -99,6 +101,20 @@ class ConvertSettings(WrittenSettings):
         "Where --into has the transform: the keys that lead to it in a document, such as sensors.front.T, or the name "
         "of the joint in a URDF. The value keeps its notation; angles are radians.",
         metavar="KEY",
+    )
+    base: Path | None = option(
+        "Write the transform from the vehicle's base_link to the camera, in place of that from the LiDAR. FILE holds "
+        "the pose of the LiDAR on the vehicle, p_base = T_base_lidar p_lidar: the result of `semcal base`, a URDF, "
+        "tf2, a static_transform_publisher, a launch file, a file of Autoware, or a matrix.",
+        type=INPUT_FILE,
+        metavar="FILE",
+    )
+    base_direction: BaseDirection | None = option(
+        "Direction of a bare matrix in --base: p_base = T p_lidar, or p_lidar = T p_base."
+    )
+    base_frame: str | None = option(
+        "Name of the vehicle's frame, in --base and in the output.  [default: that in FILE, or base_link]",
+        metavar="NAME",
     )
     force: bool = option("Replace a file that is there, such as that of --into, by -o.", default=False)
     output: Path | None = result_file("File to write. Standard output if it is - or not given.")
@@ -148,6 +164,15 @@ def convert(settings: ConvertSettings) -> None:
         )
     else:
         assert settings.to is not None
-        content = convert_file(source, settings.to, output, replaces=settings.force, **options)
+        content = convert_file(
+            source,
+            settings.to,
+            output,
+            replaces=settings.force,
+            base=settings.base,
+            base_direction=settings.base_direction,
+            base_frame=settings.base_frame,
+            **options,
+        )
     if output is None:
         click.echo(content, nl=False)

@@ -32,8 +32,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "view": ("view my_drive -o start.yaml",),
     "convert": (
         "convert front.yaml --to ros2-static-transform",
+        "convert front.yaml --to urdf --base base.yaml -o front.urdf",
         "convert T.txt --direction lidar-to-camera --to semcal -o start.yaml",
     ),
+    "base": ("base my_drive --xy-m 1.2 0 -o base.yaml",),
     "export rerun": ("export rerun my_drive front.yaml -o front.rrd",),
     "export mcap": ("export mcap my_drive front.yaml -o front.mcap",),
     "export ply": ("export ply my_drive front.yaml -o points",),

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.config.directions import Direction
+from semcal_cli.config.directions import BaseDirection, Direction
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, OccupiedError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS
 from semcal_cli.files.input_files import is_same_file, read_bytes
 from semcal_cli.files.output_files import descriptor, write_bytes
-from semcal_cli.formats import bases, insertion, semcal
+from semcal_cli.formats import base_link, bases, insertion, semcal
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.format_table import (
     FORMATS as FORMATS,
@@ -22,6 +22,7 @@ from semcal_cli.formats.format_table import (
     find_format as find_format,
     plugin_formats as plugin_formats,
 )
+from semcal_cli.formats.frame_names import name_frames
 from semcal_cli.formats.lenses import UnnamedLensError
 from semcal_cli.formats.semcal import Extrinsic as Extrinsic
 from semcal_cli.geometry.arrays import Pose
@@ -206,6 +207,9 @@ def convert(
     from_format: str | None = None,
     read_options: FormatOptions | None = None,
     write_options: FormatOptions | None = None,
+    base: Path | None = None,
+    base_direction: BaseDirection | None = None,
+    base_frame: str | None = None,
 ) -> bytes:
     """Convert the transform of a file to another format, with the camera's intrinsics if that format holds them.
 
@@ -217,6 +221,10 @@ def convert(
         from_format: Name of the source's format; None recognises it by its content.
         read_options: Options for what the source leaves open, such as its direction.
         write_options: Options for what the written format leaves open.
+        base: File with the pose of the LiDAR on its vehicle, T_base_lidar. The transform is then written from the frame
+            of the vehicle to the camera, and described in a note; None writes that from the LiDAR.
+        base_direction: Direction of a matrix in `base` whose file does not state it.
+        base_frame: Name of the vehicle's frame; None is the name in `base`, or `base_link`.
 
     Returns:
         The content of the file.
@@ -228,6 +236,9 @@ def convert(
     read_files = [drive_file(source)]
     if source.name == bases.TABLE:
         read_files.append(source.with_name(bases.SENSORS))
+    if base is not None:
+        base_link.check_named(find_format(to))
+        read_files.append(base)
     if path is not None and any(is_same_file(path, file) for file in read_files):
         raise InputError(f"{path}: found the input file; choose another name")
     written = write_options or FormatOptions()
@@ -250,6 +261,17 @@ def convert(
         covariance=extrinsic.covariance,
         frame_ids=extrinsic.frame_ids,
     )
+    if base is not None:
+        on_vehicle = base_link.read_base(
+            base,
+            direction=base_direction,
+            name=base_frame,
+            lidar=written.lidar,
+            recorded=None if written.frame_ids is None else written.frame_ids.lidar,
+        )
+        written = replace(written, base=on_vehicle)
+        _, _, camera = name_frames(extrinsic.T_camera_lidar, written)
+        written.note(base_link.describe_pose(extrinsic.T_camera_lidar, on_vehicle, camera))
     if path is not None and path.is_file() and descriptor(path) is None and not replaces:
         made = write_transform(extrinsic.T_camera_lidar, None, to, replace(written, on_note=None))
         if _without_numbers(read_bytes(path)) != _without_numbers(made):

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.output_files import STANDARD_INPUT
 from semcal_cli.formats.document_formats import SensorPair, base_format
 from semcal_cli.formats.format import FRAMES, FormatOptions
-from semcal_cli.formats.frame_names import T_BODY_OPTICAL, camera_and_lidar, optical_axes
+from semcal_cli.formats.frame_names import (
+    LIDAR,
+    T_BODY_OPTICAL,
+    camera_and_lidar,
+    name_frames,
+    optical_axes,
+)
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import RPY, WXYZ, XYZ, NumbersNotation
+from semcal_cli.geometry.arrays import Pose
 
 KIT_KEYS = (*XYZ, *RPY)
+KIT_POSE = NumbersNotation({"": KIT_KEYS}, are_named=True)
 
 
-def _kits(document: Node) -> list[Node]:
+def kits_of(document: Node) -> list[Node]:
     """List the mappings of sensors that each have x y z (metres) and roll pitch yaw (radians)."""
 
     def is_sensor(name: object, entry: object) -> bool:
@@ -37,7 +47,7 @@ def _find_in_kit(document: Node, options: FormatOptions) -> SensorPair:
     documentation, "Creating a sensor model"). The kit holds the LiDAR's base link. The frame of its point clouds may
     differ (a VLP-16's is 3.77 cm above it); a joint of the robot description states that offset, and no kit holds it.
     """
-    kits = _kits(document)
+    kits = kits_of(document)
     if len(kits) != 1:
         needed = "expected one: a base frame with sensors of x y z roll pitch yaw"
         raise InputError(f"{document.where}: found {len(kits)} kits, {needed}")
@@ -47,15 +57,32 @@ def _find_in_kit(document: Node, options: FormatOptions) -> SensorPair:
     return SensorPair(kits[0].at(camera), kits[0].at(lidar), axes)
 
 
+def _make_kit(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
+    """Make the entries of camera and LiDAR on the base: a block of sensors_calibration.yaml or of a kit's file."""
+    if options.frame is None and (options.camera or "").endswith("camera_link"):
+        options = replace(options, frame="body")
+    T_base_camera, base, camera = name_frames(T_camera_lidar, options)
+    assert options.base is not None
+    lidar = options.lidar or (options.frame_ids or FrameIds()).lidar or LIDAR
+    entries: dict[str, dict[str, float]] = {}
+    for name, T_base_sensor in ((camera, T_base_camera), (lidar, options.base.T_base_lidar)):
+        KIT_POSE.put(entries.setdefault(name, {}), T_base_sensor)
+    if len({base, camera, lidar}) < 3:
+        needed = "three names: add --to-camera, --to-lidar or --base-frame"
+        raise InputError(f"--to autoware: found {listed((base, camera, lidar))}, expected {needed}")
+    return {base: entries}
+
+
 AUTOWARE = base_format(
     "autoware",
     "p_base = T p_sensor: sensor_kit_calibration.yaml, x y z roll pitch yaw of each base link",
-    lambda source: len(_kits(Node("", source.mapping))) == 1,
+    lambda source: len(kits_of(Node("", source.mapping))) == 1,
     _find_in_kit,
-    NumbersNotation({"": KIT_KEYS}, are_named=True),
+    KIT_POSE,
     base="sensor kit",
     asks=FRAMES,
     is_set=True,
+    make_on_base=_make_kit,
 )
 
 TABLE, SENSORS = "calibrated_sensor.json", "sensor.json"

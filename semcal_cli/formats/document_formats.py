@@ -98,11 +98,12 @@ def base_format(
     base: str,
     asks: tuple[str, ...],
     is_set: bool = False,
+    make_on_base: Callable[[Pose, FormatOptions], dict[str, Any]] | None = None,
 ) -> Format:
     """Make a format of documents with the poses of sensors on a base, p_base = T p_sensor.
 
-    No file can be made, because the extrinsics do not determine the poses of camera and LiDAR on the base. If `is_set`,
-    the pose of the camera can be set in a file; otherwise files are only read.
+    The extrinsics alone do not determine the poses of camera and LiDAR on the base. `make_on_base` makes a file where
+    the options have the base. If `is_set`, the pose of the camera can be set in a file; otherwise files are only read.
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
@@ -110,8 +111,13 @@ def base_format(
         T_base_optical = notation.read(pair.camera, options) @ pair.T_frame_optical
         return inverse(T_base_optical) @ notation.read(pair.lidar, options)
 
-    def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-        needed = "choose another format: the transform between two sensors does not determine these poses"
+    def make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
+        if options.base is not None and make_on_base is not None:
+            return make_on_base(T_camera_lidar, options)
+        add = "" if make_on_base is None else "add --base with the pose of the LiDAR on it, or "
+        needed = (
+            f"{add}choose another format: the transform between two sensors does not determine these poses"
+        )
         raise InputError(f"--to {name}: poses are relative to the {base}; {needed}")
 
     def set_camera(source: Source, T_camera_lidar: Pose, options: FormatOptions) -> tuple[Any, Pose]:

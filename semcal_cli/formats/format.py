@@ -24,6 +24,15 @@ from semcal_cli.formats.node import Node
 from semcal_cli.geometry.arrays import Matrix, Pose
 
 
+class Base(NamedTuple):
+    """The pose of the LiDAR in a frame of its vehicle."""
+
+    T_base_lidar: Pose
+    """(4, 4) float64, p_base = T_base_lidar @ p_lidar, metres."""
+    name: str
+    """Name of the frame, such as `base_link`."""
+
+
 @dataclass(frozen=True)
 class FormatOptions:
     """The user's options for what a file leaves open."""
@@ -37,6 +46,8 @@ class FormatOptions:
     """Name of the LiDAR's frame, entry or token in the file."""
     frame_ids: FrameIds | None = None
     """Names of the frames in the recording, for those that `camera` and `lidar` do not name."""
+    base: Base | None = None
+    """Frame of the vehicle from which the transform to the camera is written, in place of the LiDAR's."""
     file: Path | None = None
     """Path of the file to write, if there is one."""
     intrinsics: Camera | None = None

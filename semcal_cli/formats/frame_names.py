@@ -140,14 +140,23 @@ def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
 
 
 def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
-    """Compute T_lidar_frame (4, 4) of the camera frame to write, and name the LiDAR frame and the camera frame."""
-    for name in filter(None, (options.lidar, options.camera)):
+    """Compute T_parent_frame (4, 4) of the camera frame to write, and name the parent frame and the camera frame.
+
+    The parent is the frame of the LiDAR, or `options.base` if there is one.
+    """
+    base = None if options.base is None else options.base.name
+    for name in filter(None, (options.lidar, options.camera, base)):
         if not name.isprintable():
-            raise InputError(f"--to-camera, --to-lidar: found {name!r}, expected a printable name")
+            raise InputError(
+                f"--to-camera, --to-lidar, --base-frame: found {name!r}, expected a printable name"
+            )
     is_body, recorded = options.frame == "body", options.frame_ids or FrameIds()
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
-    lidar = options.lidar or recorded.lidar or LIDAR
+    parent, option = options.lidar or recorded.lidar or LIDAR, "--to-lidar"
+    if options.base is not None:
+        # T_base_camera = T_base_lidar T_lidar_camera
+        T, parent, option = options.base.T_base_lidar @ T, options.base.name, "--base-frame"
     camera = options.camera or (CAMERA_BODY if is_body else recorded.camera or CAMERA)
-    if camera == lidar:
-        raise InputError(f"--to-camera, --to-lidar: found {camera!r} for both, expected two names")
-    return T, lidar, camera
+    if camera == parent:
+        raise InputError(f"--to-camera, {option}: found {camera!r} for both, expected two names")
+    return T, parent, camera

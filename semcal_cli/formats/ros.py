@@ -260,10 +260,10 @@ def _is_launch_py(source: Source) -> bool:
 
 
 def _arguments(T_camera_lidar: Pose, options: FormatOptions) -> str:
-    T, lidar, camera = name_frames(T_camera_lidar, options)
+    T, parent, camera = name_frames(T_camera_lidar, options)
     values = numbers_of(T)
     arguments = [f"--{name} {number_text(values[name])}" for name in (*XYZ, *XYZW)]
-    return " ".join([*arguments, f"--frame-id {shlex.quote(lidar)} --child-frame-id {shlex.quote(camera)}"])
+    return " ".join([*arguments, f"--frame-id {shlex.quote(parent)} --child-frame-id {shlex.quote(camera)}"])
 
 
 def _make_command(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
@@ -326,10 +326,10 @@ def _read_apollo(source: Source, options: FormatOptions) -> Pose:
 
 
 def _make_stamped(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
-    T, lidar, camera = name_frames(T_camera_lidar, options)
+    T, parent, camera = name_frames(T_camera_lidar, options)
     transform: dict[str, Any] = {}
     STAMPED_POSE.put(transform, T)
-    return {"header": {"frame_id": lidar}, "child_frame_id": camera, "transform": transform}
+    return {"header": {"frame_id": parent}, "child_frame_id": camera, "transform": transform}
 
 
 TF2 = Format(

@@ -96,11 +96,11 @@ def _origin(source: Source, joint: ET.Element) -> Pose:
 
 
 def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    T, lidar, camera = name_frames(T_camera_lidar, options)
+    T, parent, camera = name_frames(T_camera_lidar, options)
     values = numbers_of(T)
     translation, angles = (" ".join(number_text(values[name]) for name in names) for names in (XYZ, RPY))
     joint = ET.Element("joint", name=f"{camera}_joint", type="fixed")
-    ET.SubElement(joint, "parent", link=lidar)
+    ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=camera)
     ET.SubElement(joint, "origin", xyz=translation, rpy=angles)
     ET.indent(joint)

@@ -1,0 +1,1 @@
+"""Where a LiDAR is on its vehicle: over the ground, and against the direction of travel."""
