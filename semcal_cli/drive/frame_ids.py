@@ -11,20 +11,30 @@ from semcal_cli.files.validation import StrictModel
 
 MAX_FRAME_ID = 200
 """Maximum length of a name, in characters."""
+NEEDED = (
+    f"a name of at most {MAX_FRAME_ID} printable characters, without spaces at its ends, $ and a leading -"
+)
 
 
-def _is_name(name: str) -> bool:
-    return 0 < len(name) <= MAX_FRAME_ID and name.isprintable() and name == name.strip()
+def is_name(name: str) -> bool:
+    """Return whether a text can name a frame: ROS's launch files and command lines compute `$(...)`, and take `-`."""
+    is_text = 0 < len(name) <= MAX_FRAME_ID and name.isprintable() and name == name.strip()
+    return is_text and "$" not in name and not name.startswith("-")
 
 
-def _check_name(name: str) -> str:
-    if not _is_name(name):
-        raise mismatch(describe(name), f"a name of at most {MAX_FRAME_ID} printable characters")
+def check_name(name: str) -> str:
+    """Check that a text can name a frame.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    if not is_name(name):
+        raise mismatch(describe(name), NEEDED)
     return name
 
 
 _LENGTHS = {"minLength": 1, "maxLength": MAX_FRAME_ID}
-FrameId = Annotated[str, AfterValidator(_check_name), Field(json_schema_extra=_LENGTHS)]
+FrameId = Annotated[str, AfterValidator(check_name), Field(json_schema_extra=_LENGTHS)]
 
 
 class FrameIds(StrictModel):
@@ -36,11 +46,20 @@ class FrameIds(StrictModel):
     """Optical frame of the camera: x right, y down, z forward."""
 
     @classmethod
-    def of_recording(cls, lidar: str, camera: str | None) -> FrameIds | None:
-        """Keep the names of a recording, which may have any text in their place; None if neither can be kept."""
-        names = {"lidar": lidar, "camera": "" if camera in (None, lidar) else camera}
-        kept = {side: name for side, name in names.items() if _is_name(name)}
-        return cls(**kept) if kept else None
+    def of_recording(cls, lidar: str, camera: str | None) -> tuple[FrameIds | None, list[str]]:
+        """Keep the names of a recording, which may have any text in their place.
+
+        Returns:
+            The names, None if neither can be kept; and a remark on each text that is left out.
+        """
+        texts = {"lidar": lidar, "camera": camera if camera and camera != lidar else ""}
+        kept = {side: text for side, text in texts.items() if is_name(text)}
+        remarks = [
+            f"the frame of the {side} is left out of frame_ids: {mismatch(describe(text), NEEDED)}"
+            for side, text in texts.items()
+            if text and side not in kept
+        ]
+        return (cls(**kept) if kept else None), remarks
 
     @model_validator(mode="after")
     def _check_distinct(self) -> FrameIds:
