@@ -292,7 +292,7 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
     camera = report.observations.camera
     uncertain = record.model_copy(update={"uncertainty": uncertainty})
     first, weak = uncertainty_sentences(uncertain)
-    reading, meaning = map_sentences(uncertain, camera)
+    reading, meaning = map_sentences(uncertain)
     assert "2.0 cm" in first
     assert "4.1 cm up or down" in first
     assert "0.23 in yaw" in first
@@ -307,11 +307,14 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
         assert 0.94 < within.mean() < 0.995
     assert meaning.endswith("in the worst direction.")
     of_K = uncertainty.model_copy(update={"covariance_of_intrinsics": uncertainty.covariance})
-    with_K = map_sentences(record.model_copy(update={"uncertainty": of_K}), camera)[-1]
+    with_K = map_sentences(record.model_copy(update={"uncertainty": of_K}))[-1]
     assert with_K.endswith("although both largely cancel in the image.")
+    twisted = of_K.model_copy(update={"twist_by_intrinsics": tuple([(0.0,) * 4] * 6)})
+    with_twist = map_sentences(record.model_copy(update={"uncertainty": twisted}))[-1]
+    assert with_twist.endswith("what its errors do to both largely cancels.")
     assert weak == "Least certain: in roll: +- 0.30 degrees; add frames."
     unknown = record.model_copy(update={"uncertainty": None})
-    assert map_sentences(unknown, camera) == []
+    assert map_sentences(unknown) == []
     (nothing,) = uncertainty_sentences(unknown)
     assert nothing.startswith("Its error is unknown")
 

@@ -100,6 +100,14 @@ def describe_cameras(a: Extrinsic, b: Extrinsic) -> str | None:
     return f"that of A has {', '.join(differences)}" if differences else None
 
 
+def describe_sizes(a: Extrinsic, b: Extrinsic) -> str | None:
+    """Describe why two transforms are not compared in the image; None if their images have one size, or none known."""
+    if a.camera is None or b.camera is None or a.camera.size == b.camera.size:
+        return None
+    size_a, size_b = ("{} x {}".format(*camera.size) for camera in (a.camera, b.camera))
+    return f"the images are of {size_a} and {size_b} pixels, so the difference in the image is unknown"
+
+
 def compare(a: Extrinsic, b: Extrinsic) -> Comparison:
     """Compare two transforms along the axes of B's camera, and in the image."""
     error = compare_poses(a.T_camera_lidar, b.T_camera_lidar)
@@ -146,7 +154,10 @@ def _allowed(
 def _summarise(
     error_map: pixel_errors.PixelMap, allowed: tuple[pixel_errors.PixelMap, ...] | None
 ) -> ImageDifference:
-    """Summarise a map of differences beside the intervals of both transforms, which are independent."""
+    """Summarise a map of differences beside the intervals of both transforms, which are added as if independent.
+
+    Two results with one K share its errors, so these intervals are not independent.
+    """
     allowed_ahead_px = allowed_worst_px = None
     if allowed is not None:
         place = np.unravel_index(int(np.nanargmax(error_map.errors_px)), error_map.errors_px.shape)
@@ -163,6 +174,6 @@ def _summarise(
 
 
 def _of_both(half_widths: Iterable[float | None]) -> float | None:
-    """Compute the half width of a difference from those of two independent values; None if one is unknown."""
+    """Compute the half width of a difference from those of two values as if independent; None if one is unknown."""
     half_width = math.hypot(*(math.nan if half is None else half for half in half_widths))
     return half_width if math.isfinite(half_width) else None
