@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig, SynthLens
 from semcal_cli.documentation import ADDRESS
-from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.camera import IntrinsicsSigma, core_camera
 from semcal_cli.drive.document import Frame, read_drive
 from semcal_cli.formats import find_format
 from semcal_cli.formats.format import FormatOptions, Source
@@ -287,6 +287,8 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
             "weak_directions": ("in roll: +- 0.30 degrees; add frames",),
             "label_bleed": None,
             "intrinsics_cost": None,
+            "covariance_of_intrinsics": None,
+            "twist_by_intrinsics": None,
         }
     )
     camera = report.observations.camera
@@ -312,6 +314,14 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
     twisted = of_K.model_copy(update={"twist_by_intrinsics": tuple([(0.0,) * 4] * 6)})
     with_twist = map_sentences(record.model_copy(update={"uncertainty": twisted}))[-1]
     assert with_twist.endswith("what its errors do to both largely cancels.")
+    # The errors that the calibration was made with count, whatever those of the drive beside it.
+    sure = record.input.camera.model_copy(update={"intrinsics_sigma": IntrinsicsSigma(cx=0.3)})
+    by_cx = twisted.model_copy(update={"twist_by_intrinsics": tuple([(0.0, 0.0, 1e-4, 0.0)] * 6)})
+    of_sure = record.model_copy(
+        update={"uncertainty": by_cx, "input": record.input.model_copy(update={"camera": sure})}
+    )
+    (headline,) = re.findall(r"or ([\d.]+) px at 10 m", verdict_of(of_sure).figures)
+    assert f"within {headline} pixels of where it should straight ahead" in map_sentences(of_sure)[0]
     assert weak == "Least certain: in roll: +- 0.30 degrees; add frames."
     unknown = record.model_copy(update={"uncertainty": None})
     assert map_sentences(unknown) == []

@@ -60,7 +60,7 @@ def compare(settings: CompareSettings) -> None:
     from semcal_cli.cli.tables import verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.formats import read_reference
-    from semcal_cli.pipeline.comparison import compare as difference, describe_cameras, describe_sizes
+    from semcal_cli.pipeline.comparison import compare as difference, describe_cameras
     from semcal_cli.pipeline.verdict import together
 
     check_plot(settings.plot)
@@ -99,9 +99,9 @@ def compare(settings: CompareSettings) -> None:
         sys.exit(several.exit_code)
     if (cameras := describe_cameras(a, b)) is not None:
         click.echo("\n".join(wrapped("camera", cameras)), err=True)
-    if (sizes := describe_sizes(a, b)) is not None:
+    if (note := comparisons[0].note) is not None:
         bars = "; --plot draws bars" if settings.plot is not None else ""
-        click.echo("\n".join(wrapped("note", f"{sizes}{bars}")), err=True)
+        click.echo("\n".join(wrapped("note", f"{note}{bars}")), err=True)
     comparison, cases = comparisons[0], [Case.of_check(check) for check in judged[0]]
     report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
     if settings.as_json:

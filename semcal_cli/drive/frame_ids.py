@@ -11,12 +11,12 @@ from semcal_cli.files.validation import StrictModel
 
 MAX_FRAME_ID = 200
 """Maximum length of a name, in characters."""
-NEEDED = (
+_NEEDED = (
     f"a name of at most {MAX_FRAME_ID} printable characters, without spaces at its ends, $ and a leading -"
 )
 
 
-def is_name(name: str) -> bool:
+def _is_name(name: str) -> bool:
     """Return whether a text can name a frame: ROS's launch files and command lines compute `$(...)`, and take `-`."""
     is_text = 0 < len(name) <= MAX_FRAME_ID and name.isprintable() and name == name.strip()
     return is_text and "$" not in name and not name.startswith("-")
@@ -28,8 +28,8 @@ def check_name(name: str) -> str:
     Raises:
         ValueError: it cannot.
     """
-    if not is_name(name):
-        raise mismatch(describe(name), NEEDED)
+    if not _is_name(name):
+        raise mismatch(describe(name), _NEEDED)
     return name
 
 
@@ -53,9 +53,9 @@ class FrameIds(StrictModel):
             The names, None if neither can be kept; and a remark on each text that is left out.
         """
         texts = {"lidar": lidar, "camera": camera if camera and camera != lidar else ""}
-        kept = {side: text for side, text in texts.items() if is_name(text)}
+        kept = {side: text for side, text in texts.items() if _is_name(text)}
         remarks = [
-            f"the frame of the {side} is left out of frame_ids: {mismatch(describe(text), NEEDED)}"
+            f"the frame of the {side} is left out of frame_ids: {mismatch(describe(text), _NEEDED)}"
             for side, text in texts.items()
             if text and side not in kept
         ]

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from semcal_cli.drive.frame_ids import NEEDED, FrameIds, is_name
-from semcal_cli.errors import InputError, describe, listed, mismatch
+from semcal_cli.drive.frame_ids import FrameIds, check_name
+from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import OPTICAL_AXES, inverse
@@ -142,8 +142,10 @@ def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
 def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
     """Compute T_lidar_frame (4, 4) of the camera frame to write, and name the LiDAR frame and the camera frame."""
     for name in filter(None, (options.lidar, options.camera)):
-        if not is_name(name):
-            raise InputError(f"--to-camera, --to-lidar: {mismatch(describe(name), NEEDED)}")
+        try:
+            check_name(name)
+        except ValueError as error:
+            raise InputError(f"--to-camera, --to-lidar: {error}") from None
     is_body, recorded = options.frame == "body", options.frame_ids or FrameIds()
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
     lidar = options.lidar or recorded.lidar or LIDAR

@@ -35,7 +35,6 @@ from semcal_cli.estimation.uncertainty.intrinsics import (
     around_intrinsics,
     intrinsics_cost,
     shift_by,
-    square,
     twist_by_intrinsics,
 )
 from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
@@ -178,7 +177,7 @@ class _AssessedPose:
         """Parts of the covariance of the pose by the intrinsics, the clock and the motion."""
         joint, clock = self.stages.joint, self.clock
         return ErrorBudget(
-            intrinsics=square(self.twist_by_intrinsics),
+            intrinsics=self._covariance_of_intrinsics(),
             clock=None if clock is None or self.is_clock_estimated else clock.covariance(self.label_gain),
             motion=self._covariance_of_motion(),
             left_open=None if joint is None else joint.left_open,
@@ -196,6 +195,10 @@ class _AssessedPose:
             stated = sigma_of(camera).model_copy(update=exact)
             camera = camera.model_copy(update={"intrinsics_sigma": stated})
         return twist_by_intrinsics(self.shift, camera)
+
+    def _covariance_of_intrinsics(self) -> Matrix | None:
+        twist = self.twist_by_intrinsics
+        return None if twist is None else np.asarray(twist @ twist.T)
 
     def _covariance_of_motion(self) -> Matrix | None:
         joint, later_s = self.stages.joint, 0.0

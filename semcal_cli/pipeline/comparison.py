@@ -71,6 +71,8 @@ class Comparison:
     common."""
     in_image: tuple[ImageDifference, ...] = ()
     """Summary of each map."""
+    note: str | None = None
+    """Why the images are not compared; None if they are, or no camera is known."""
 
     def half_width(self, unit: str) -> float | None:
         """Compute the 95 % half width of the total difference, "cm" or "deg"; None if neither is known."""
@@ -100,7 +102,7 @@ def describe_cameras(a: Extrinsic, b: Extrinsic) -> str | None:
     return f"that of A has {', '.join(differences)}" if differences else None
 
 
-def describe_sizes(a: Extrinsic, b: Extrinsic) -> str | None:
+def _describe_sizes(a: Extrinsic, b: Extrinsic) -> str | None:
     """Describe why two transforms are not compared in the image; None if their images have one size, or none known."""
     if a.camera is None or b.camera is None or a.camera.size == b.camera.size:
         return None
@@ -121,7 +123,7 @@ def compare(a: Extrinsic, b: Extrinsic) -> Comparison:
         axes.append(Axis(f"{name} {'xyz'[index % 3]}", unit, scale * offset, half_a, half_b))
     cameras = _cameras(a, b)
     if cameras is None:
-        return Comparison(error, tuple(axes))
+        return Comparison(error, tuple(axes), note=_describe_sizes(a, b))
     maps = pixel_errors.difference_maps((a.T_camera_lidar, cameras[0]), (b.T_camera_lidar, cameras[1]))
     pairs = [pair for pair in zip(maps, _allowed(a, b, cameras), strict=True) if not pair[0].is_empty]
     in_image = tuple(_summarise(*pair) for pair in pairs)

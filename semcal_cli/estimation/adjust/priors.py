@@ -23,7 +23,6 @@ from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.intrinsics import (
     around_intrinsics,
     shift_by,
-    square,
     twist_by_intrinsics,
 )
 from semcal_cli.estimation.uncertainty.sensitivity import (
@@ -174,7 +173,7 @@ class Fused(StageResult):
     @property
     def of_intrinsics(self) -> Matrix | None:
         """(6, 6) part of the covariance of the pose from errors of the intrinsics; None if they are exact."""
-        return square(self.twist_by_intrinsics)
+        return _square(self.twist_by_intrinsics)
 
 
 def fuse_with_priors(
@@ -197,7 +196,7 @@ def fuse_with_priors(
     is_alone = around is not None and around.is_determined
     T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     twist = _twist_by_intrinsics(observations, T)
-    systematic = sum_of(square(twist), of_motion)
+    systematic = sum_of(_square(twist), of_motion)
     from_labels: list[OffsetFromLabels | None] = [None] * len(priors)
     if around is not None and is_alone:
         labels = measure(around, systematic)
@@ -271,6 +270,10 @@ def _iterate(
     return T, fit
 
 
+def _square(twist: Matrix | None) -> Matrix | None:
+    return None if twist is None else np.asarray(twist @ twist.T)
+
+
 def _twist_by_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix | None:
     """Compute the twist (6, 4) of the labels' optimum by errors of the intrinsics; None if K is exact."""
     camera = observations.camera
@@ -323,7 +326,7 @@ def _offset_from_labels(labels: Measurement, prior: Prior, T_camera_lidar: Pose)
     jacobian, residual, sigmas = _stack_priors(T_camera_lidar, [prior])
     alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
     off = residual + jacobian @ np.linalg.solve(labels.reads, labels.mean)
-    covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(sigmas))
+    covariance = jacobian @ alone @ jacobian.T + np.diag(np._square(sigmas))
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
     return OffsetFromLabels(
         axis=int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]),

@@ -89,8 +89,3 @@ def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:
         for change in moved.T
     ]
     return IntrinsicsCost(**dict(zip(INTRINSICS, changes, strict=False)))
-
-
-def square(twist: Matrix | None) -> Matrix | None:
-    """Compute the covariance (6, 6) that a twist (6, n) by errors of one standard deviation makes; None without any."""
-    return None if twist is None else np.asarray(twist @ twist.T)
