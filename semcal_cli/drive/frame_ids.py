@@ -22,19 +22,14 @@ def _is_name(name: str) -> bool:
     return is_text and "$" not in name and not name.startswith("-")
 
 
-def check_name(name: str) -> str:
-    """Check that a text can name a frame.
-
-    Raises:
-        ValueError: it cannot.
-    """
+def _check_name(name: str) -> str:
     if not _is_name(name):
         raise mismatch(describe(name), _NEEDED)
     return name
 
 
 _LENGTHS = {"minLength": 1, "maxLength": MAX_FRAME_ID}
-FrameId = Annotated[str, AfterValidator(check_name), Field(json_schema_extra=_LENGTHS)]
+FrameId = Annotated[str, AfterValidator(_check_name), Field(json_schema_extra=_LENGTHS)]
 
 
 class FrameIds(StrictModel):
@@ -44,6 +39,15 @@ class FrameIds(StrictModel):
     """Frame of the sweeps."""
     camera: FrameId | None = None
     """Optical frame of the camera: x right, y down, z forward."""
+
+    @staticmethod
+    def check(name: str) -> None:
+        """Check that a text can name a frame.
+
+        Raises:
+            ValueError: it cannot.
+        """
+        _check_name(name)
 
     @classmethod
     def of_recording(cls, lidar: str, camera: str | None) -> tuple[FrameIds | None, list[str]]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from semcal_cli.drive.frame_ids import FrameIds, check_name
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.arrays import Pose
@@ -143,7 +143,7 @@ def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str
     """Compute T_lidar_frame (4, 4) of the camera frame to write, and name the LiDAR frame and the camera frame."""
     for name in filter(None, (options.lidar, options.camera)):
         try:
-            check_name(name)
+            FrameIds.check(name)
         except ValueError as error:
             raise InputError(f"--to-camera, --to-lidar: {error}") from None
     is_body, recorded = options.frame == "body", options.frame_ids or FrameIds()

@@ -326,7 +326,7 @@ def _offset_from_labels(labels: Measurement, prior: Prior, T_camera_lidar: Pose)
     jacobian, residual, sigmas = _stack_priors(T_camera_lidar, [prior])
     alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
     off = residual + jacobian @ np.linalg.solve(labels.reads, labels.mean)
-    covariance = jacobian @ alone @ jacobian.T + np.diag(np._square(sigmas))
+    covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(sigmas))
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
     return OffsetFromLabels(
         axis=int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]),
