@@ -289,6 +289,7 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
             "intrinsics_cost": None,
             "covariance_of_intrinsics": None,
             "twist_by_intrinsics": None,
+            "degrees_of_freedom": (100.0,) * 6,
         }
     )
     camera = report.observations.camera
