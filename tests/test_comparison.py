@@ -143,7 +143,11 @@ def test_a_difference_is_shown_in_the_image(made: Path, street: Path, tmp_path: 
     assert plot.read_text().startswith("<?xml")
     wider = moved.read_text().replace(f"width: {record.used_camera.width}\n", "width: 4000\n")
     (tmp_path / "wider.yaml").write_text(wider)
-    assert "m away" not in invoke("compare", made / "c.yaml", tmp_path / "wider.yaml").stdout
+    unlike = invoke("compare", made / "c.yaml", tmp_path / "wider.yaml", "--plot", tmp_path / "bars.svg")
+    assert "m away" not in unlike.stdout
+    width, height = record.used_camera.size
+    said = f"the images are of {width} x {height} and 4000 x {height} pixels, so the difference in the image is unknown"
+    assert f"{said}; --plot draws bars" in " ".join(unlike.stderr.split())
     moved.write_text(moved.read_text().replace("status: trusted", "status: not_trusted"))
     assert re.search(r"\n10 m away +[\d.]+ px +[\d.]+ px\n", invoke("compare", made / "c.yaml", moved).stdout)
 

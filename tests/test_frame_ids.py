@@ -159,6 +159,12 @@ def test_the_publisher_between_the_frames_of_the_recording_is_set(tmp_path: Path
         ({"lidar": "os", "camera": "os"}, "found 'os' for both, expected two names"),
         ({"lidar": ""}, "lidar: found '', expected a name of at most 200 printable characters"),
         ({"camera": "a\nb"}, "camera: found 'a\\nb', expected a name of"),
+        (
+            {"camera": " a"},
+            "camera: found ' a', expected a name of at most 200 printable characters, without spaces",
+        ),
+        ({"lidar": "$(eval 1)"}, "drive.yaml: lidar: found '$(eval 1)', expected a name of"),
+        ({"camera": "--x"}, "camera: found '--x', expected a name of"),
         ({"lidar": "x" * 201}, "expected a name of"),
     ],
 )
@@ -166,3 +172,27 @@ def test_names_that_are_none_are_refused(frame_ids: Any, complaint: str) -> None
     with pytest.raises(InputError) as refused:
         validate(FrameIds, frame_ids, Path("drive.yaml"))
     assert complaint in str(refused.value)
+
+
+def test_a_name_that_a_launch_file_computes_is_not_written(tmp_path: Path) -> None:
+    makers = {"points": cloud(frame="$(env HOME)"), "image": image(frame="-x")}
+    done = invoke("import", "bag", small(tmp_path / "bag", **makers), "-o", tmp_path / "drive")
+    assert done.exit_code == 0, done.output
+    assert "frame_ids" not in yaml.safe_load((tmp_path / "drive" / "drive.yaml").read_text())
+    said = " ".join(done.output.split())
+    assert "the frame of the lidar is left out of frame_ids: found '$(env HOME)', expected a name" in said
+    assert "the frame of the camera is left out of frame_ids: found '-x'" in said
+    for name in ("$(var x)", "-x"):
+        refused = invoke("convert", with_names(tmp_path), "--to", "ros2-launch", f"--to-camera={name}")
+        assert str(refused.exception).startswith(f"--to-camera, --to-lidar: found {name!r}, expected a name")
+
+
+def test_a_name_of_the_user_is_not_paired_with_a_recorded_one_of_another_publisher(tmp_path: Path) -> None:
+    node = '<node pkg="tf2_ros" exec="static_transform_publisher" args="0 0 0 0 0 0 {}"/>\n'
+    pairs = "lidar2 cam_x_optical", "os_sensor cam_y_optical"
+    launch = tmp_path / "two.launch.xml"
+    launch.write_text(f"<launch>\n{''.join(map(node.format, pairs))}</launch>\n")
+    options = FormatOptions(camera="cam_x_optical")
+    set_in_file(with_names(tmp_path), launch, tmp_path / "new.launch.xml", write_options=options)
+    lines = (tmp_path / "new.launch.xml").read_text().splitlines(keepends=True)[1:3]
+    assert [line == node.format(pair) for line, pair in zip(lines, pairs, strict=True)] == [False, True]

@@ -107,6 +107,18 @@ def test_errors_of_intrinsics_move_the_points_and_the_pose() -> None:
         )
 
 
+def test_errors_of_a_panorama_count_along_its_sphere() -> None:
+    """An error of cx moves points as a turn about the axis does, by less towards the poles, and undoes such a turn."""
+    sigma = IntrinsicsSigma(fx=0.0, fy=0.0, cx=2.0, cy=0.0)
+    camera = CAMERAS["panorama"].model_copy(update={"intrinsics_sigma": sigma})
+    points = 10.0 * core_camera(camera).unproject(np.array([[40.0, 60.0], [319.5, 159.5], [600.0, 280.0]]))
+    twist = np.zeros((6, 4))
+    twist[4, 2] = 2.0 / ROUND
+    along, against = (half_axes_px(camera, twist @ twist.T, points, sign * twist) for sign in (1.0, -1.0))
+    np.testing.assert_allclose(along, 2.0 * half_axes_px(camera, twist @ twist.T, points), rtol=DIFFERENCES)
+    np.testing.assert_allclose(against, 0.0, atol=1e-3)
+
+
 def radii(error_map: PixelMap) -> np.ndarray:
     """Distances of the nodes from the principal point, pixels."""
     u, v = np.meshgrid(error_map.columns, error_map.rows)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig, SynthLens
 from semcal_cli.documentation import ADDRESS
-from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.camera import IntrinsicsSigma, core_camera
 from semcal_cli.drive.document import Frame, read_drive
 from semcal_cli.formats import find_format
 from semcal_cli.formats.format import FormatOptions, Source
@@ -287,12 +287,15 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
             "weak_directions": ("in roll: +- 0.30 degrees; add frames",),
             "label_bleed": None,
             "intrinsics_cost": None,
+            "covariance_of_intrinsics": None,
+            "twist_by_intrinsics": None,
+            "degrees_of_freedom": (100.0,) * 6,
         }
     )
     camera = report.observations.camera
     uncertain = record.model_copy(update={"uncertainty": uncertainty})
     first, weak = uncertainty_sentences(uncertain)
-    reading, meaning = map_sentences(uncertain, camera)
+    reading, meaning = map_sentences(uncertain)
     assert "2.0 cm" in first
     assert "4.1 cm up or down" in first
     assert "0.23 in yaw" in first
@@ -307,11 +310,22 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
         assert 0.94 < within.mean() < 0.995
     assert meaning.endswith("in the worst direction.")
     of_K = uncertainty.model_copy(update={"covariance_of_intrinsics": uncertainty.covariance})
-    with_K = map_sentences(record.model_copy(update={"uncertainty": of_K}), camera)[-1]
+    with_K = map_sentences(record.model_copy(update={"uncertainty": of_K}))[-1]
     assert with_K.endswith("although both largely cancel in the image.")
+    twisted = of_K.model_copy(update={"twist_by_intrinsics": tuple([(0.0,) * 4] * 6)})
+    with_twist = map_sentences(record.model_copy(update={"uncertainty": twisted}))[-1]
+    assert with_twist.endswith("what its errors do to both largely cancels.")
+    # The errors that the calibration was made with count, whatever those of the drive beside it.
+    sure = record.input.camera.model_copy(update={"intrinsics_sigma": IntrinsicsSigma(cx=0.3)})
+    by_cx = twisted.model_copy(update={"twist_by_intrinsics": tuple([(0.0, 0.0, 1e-4, 0.0)] * 6)})
+    of_sure = record.model_copy(
+        update={"uncertainty": by_cx, "input": record.input.model_copy(update={"camera": sure})}
+    )
+    (headline,) = re.findall(r"or ([\d.]+) px at 10 m", verdict_of(of_sure).figures)
+    assert f"within {headline} pixels of where it should straight ahead" in map_sentences(of_sure)[0]
     assert weak == "Least certain: in roll: +- 0.30 degrees; add frames."
     unknown = record.model_copy(update={"uncertainty": None})
-    assert map_sentences(unknown, camera) == []
+    assert map_sentences(unknown) == []
     (nothing,) = uncertainty_sentences(unknown)
     assert nothing.startswith("Its error is unknown")
 

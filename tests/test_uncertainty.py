@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, f, t
@@ -5,6 +7,7 @@ from scipy.stats import chi2, f, t
 from semcal_cli import core
 from semcal_cli.checks.wide_interval import check_interval
 from semcal_cli.config import PolishConfig, SensitivityConfig
+from semcal_cli.errors import InputError
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.uncertainty.covariance import (
     estimate_uncertainty,
@@ -12,6 +15,7 @@ from semcal_cli.estimation.uncertainty.covariance import (
     label_bleed,
 )
 from semcal_cli.estimation.uncertainty.sensitivity import MIN_CLASSES, Sensitivity, sensitivity
+from semcal_cli.files.validation import validate
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.observations import NO_CLASS, Observations
@@ -220,3 +224,31 @@ def test_bleeding_labels_move_the_pose(street_observations: Observations, polish
 )
 def test_figures_have_two_digits(value: float, text: str) -> None:
     assert figure(value) == text
+
+
+@pytest.mark.parametrize(
+    ("part", "twist_m", "complaint"),
+    [
+        (None, 1e-3, "found a twist_by_intrinsics alone, expected a covariance_of_intrinsics beside it"),
+        (
+            1e-6,
+            1.001e-3,
+            "found a twist_by_intrinsics that exceeds the covariance_of_intrinsics, expected a part of",
+        ),
+        (1e-6, 1e-3, None),
+    ],
+)
+def test_the_twist_by_intrinsics_is_that_of_their_covariance(
+    part: float | None, twist_m: float, complaint: str | None
+) -> None:
+    uncertainty = Uncertainty.from_covariance(np.eye(4), 1e-4 * np.eye(6), np.full(6, 30.0))
+    document = uncertainty.model_dump() | {
+        "covariance_of_intrinsics": None if part is None else (part * np.eye(6)).tolist(),
+        "twist_by_intrinsics": (twist_m * np.eye(6)[:, :4]).tolist(),
+    }
+    if complaint is None:
+        validate(Uncertainty, document, Path("c.yaml"))
+        return
+    with pytest.raises(InputError) as refused:
+        validate(Uncertainty, document, Path("c.yaml"))
+    assert complaint in str(refused.value)

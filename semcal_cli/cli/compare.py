@@ -99,6 +99,9 @@ def compare(settings: CompareSettings) -> None:
         sys.exit(several.exit_code)
     if (cameras := describe_cameras(a, b)) is not None:
         click.echo("\n".join(wrapped("camera", cameras)), err=True)
+    if (note := comparisons[0].note) is not None:
+        bars = "; --plot draws bars" if settings.plot is not None else ""
+        click.echo("\n".join(wrapped("note", f"{note}{bars}")), err=True)
     comparison, cases = comparisons[0], [Case.of_check(check) for check in judged[0]]
     report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
     if settings.as_json:

@@ -11,15 +11,20 @@ from semcal_cli.files.validation import StrictModel
 
 MAX_FRAME_ID = 200
 """Maximum length of a name, in characters."""
+_NEEDED = (
+    f"a name of at most {MAX_FRAME_ID} printable characters, without spaces at its ends, $ and a leading -"
+)
 
 
 def _is_name(name: str) -> bool:
-    return 0 < len(name) <= MAX_FRAME_ID and name.isprintable() and name == name.strip()
+    """Return whether a text can name a frame: ROS's launch files and command lines compute `$(...)`, and take `-`."""
+    is_text = 0 < len(name) <= MAX_FRAME_ID and name.isprintable() and name == name.strip()
+    return is_text and "$" not in name and not name.startswith("-")
 
 
 def _check_name(name: str) -> str:
     if not _is_name(name):
-        raise mismatch(describe(name), f"a name of at most {MAX_FRAME_ID} printable characters")
+        raise mismatch(describe(name), _NEEDED)
     return name
 
 
@@ -35,12 +40,30 @@ class FrameIds(StrictModel):
     camera: FrameId | None = None
     """Optical frame of the camera: x right, y down, z forward."""
 
+    @staticmethod
+    def check(name: str) -> None:
+        """Check that a text can name a frame.
+
+        Raises:
+            ValueError: it cannot.
+        """
+        _check_name(name)
+
     @classmethod
-    def of_recording(cls, lidar: str, camera: str | None) -> FrameIds | None:
-        """Keep the names of a recording, which may have any text in their place; None if neither can be kept."""
-        names = {"lidar": lidar, "camera": "" if camera in (None, lidar) else camera}
-        kept = {side: name for side, name in names.items() if _is_name(name)}
-        return cls(**kept) if kept else None
+    def of_recording(cls, lidar: str, camera: str | None) -> tuple[FrameIds | None, list[str]]:
+        """Keep the names of a recording, which may have any text in their place.
+
+        Returns:
+            The names, None if neither can be kept; and a remark on each text that is left out.
+        """
+        texts = {"lidar": lidar, "camera": camera if camera and camera != lidar else ""}
+        kept = {side: text for side, text in texts.items() if _is_name(text)}
+        remarks = [
+            f"the frame of the {side} is left out of frame_ids: {mismatch(describe(text), _NEEDED)}"
+            for side, text in texts.items()
+            if text and side not in kept
+        ]
+        return (cls(**kept) if kept else None), remarks
 
     @model_validator(mode="after")
     def _check_distinct(self) -> FrameIds:

@@ -146,10 +146,10 @@ def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str
     """
     base = None if options.base is None else options.base.name
     for name in filter(None, (options.lidar, options.camera, base)):
-        if not name.isprintable():
-            raise InputError(
-                f"--to-camera, --to-lidar, --base-frame: found {name!r}, expected a printable name"
-            )
+        try:
+            FrameIds.check(name)
+        except ValueError as error:
+            raise InputError(f"--to-camera, --to-lidar, --base-frame: {error}") from None
     is_body, recorded = options.frame == "body", options.frame_ids or FrameIds()
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
     parent, option = options.lidar or recorded.lidar or LIDAR, "--to-lidar"

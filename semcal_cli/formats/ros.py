@@ -74,7 +74,14 @@ def _choose(where: str, publishers: list[list[str]], options: FormatOptions) -> 
     if not publishers:
         raise InputError(f"{where}: found no {PUBLISHER}")
     pairs = [with_recorded(options, _frames(words)) for words in publishers]
-    options = next((pair for pair in pairs if pair.camera and pair.lidar), options)
+    options = next(
+        (
+            pair
+            for pair, words in zip(pairs, publishers, strict=True)
+            if pair.camera != pair.lidar and {pair.camera, pair.lidar} <= set(_frames(words))
+        ),
+        options,
+    )
     frame_names = {name for name in (options.camera, options.lidar) if name is not None}
     candidates = [words for words in publishers if frame_names <= set(_frames(words))]
     if not frame_names and len(publishers) > 1:

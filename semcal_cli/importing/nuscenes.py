@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, describe
 from semcal_cli.files.rows import read_rows
 from semcal_cli.files.validation import MAX_TRANSLATION_M
@@ -95,14 +96,16 @@ def read(request: Request) -> Recording:
     camera, keyframes = _keyframes(tables, sensors, request)
     has_labels = tables.path("lidarseg").exists()
     labels = {text(row, "sample_data_token"): row for _, row in tables.rows("lidarseg")} if has_labels else {}
+    named, remarks = FrameIds.of_recording(LIDAR_CHANNEL, camera)
     return Recording(
         camera=_camera(keyframes[0][1], sensors),
         lidar=LIDAR,
-        frame_ids={"lidar": LIDAR_CHANNEL, "camera": camera},
+        frame_ids=None if named is None else named.model_dump(exclude_none=True),
         frames=_frames(tables, keyframes, labels),
         point_classes=read_ontology("nuscenes-lidarseg") if labels else None,
         # A camera is exposed when the LiDAR sweeps across the centre of its view (nuscenes.org, data collection).
         synchronization="hardware",
+        remarks=tuple(remarks),
     )
 
 

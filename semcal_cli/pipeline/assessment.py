@@ -175,9 +175,9 @@ class _AssessedPose:
     @cached_property
     def budget(self) -> ErrorBudget:
         """Parts of the covariance of the pose by the intrinsics, the clock and the motion."""
-        joint, fused, clock = self.stages.joint, self.stages.fused, self.clock
+        joint, clock = self.stages.joint, self.clock
         return ErrorBudget(
-            intrinsics=self._covariance_of_intrinsics() if fused is None else fused.of_intrinsics,
+            intrinsics=self._covariance_of_intrinsics(),
             clock=None if clock is None or self.is_clock_estimated else clock.covariance(self.label_gain),
             motion=self._covariance_of_motion(),
             left_open=None if joint is None else joint.left_open,
@@ -186,7 +186,9 @@ class _AssessedPose:
     @cached_property
     def twist_by_intrinsics(self) -> Matrix | None:
         """(6, 4) twist of the pose by an error of one standard deviation of fx, fy, cx and cy; None without errors."""
-        camera, joint = self.data.observations.camera, self.stages.joint
+        camera, joint, fused = self.data.observations.camera, self.stages.joint, self.stages.fused
+        if fused is not None:
+            return fused.twist_by_intrinsics
         if joint is not None and joint.camera is not None:
             # An estimate states the errors of the intrinsics that it has.
             exact = {name: 0.0 for name in joint.camera.intrinsics if name in K_ENTRIES}

@@ -71,6 +71,8 @@ class Comparison:
     common."""
     in_image: tuple[ImageDifference, ...] = ()
     """Summary of each map."""
+    note: str | None = None
+    """Why the images are not compared; None if they are, or no camera is known."""
 
     def half_width(self, unit: str) -> float | None:
         """Compute the 95 % half width of the total difference, "cm" or "deg"; None if neither is known."""
@@ -100,6 +102,14 @@ def describe_cameras(a: Extrinsic, b: Extrinsic) -> str | None:
     return f"that of A has {', '.join(differences)}" if differences else None
 
 
+def _describe_sizes(a: Extrinsic, b: Extrinsic) -> str | None:
+    """Describe why two transforms are not compared in the image; None if their images have one size, or none known."""
+    if a.camera is None or b.camera is None or a.camera.size == b.camera.size:
+        return None
+    size_a, size_b = ("{} x {}".format(*camera.size) for camera in (a.camera, b.camera))
+    return f"the images are of {size_a} and {size_b} pixels, so the difference in the image is unknown"
+
+
 def compare(a: Extrinsic, b: Extrinsic) -> Comparison:
     """Compare two transforms along the axes of B's camera, and in the image."""
     error = compare_poses(a.T_camera_lidar, b.T_camera_lidar)
@@ -113,7 +123,7 @@ def compare(a: Extrinsic, b: Extrinsic) -> Comparison:
         axes.append(Axis(f"{name} {'xyz'[index % 3]}", unit, scale * offset, half_a, half_b))
     cameras = _cameras(a, b)
     if cameras is None:
-        return Comparison(error, tuple(axes))
+        return Comparison(error, tuple(axes), note=_describe_sizes(a, b))
     maps = pixel_errors.difference_maps((a.T_camera_lidar, cameras[0]), (b.T_camera_lidar, cameras[1]))
     pairs = [pair for pair in zip(maps, _allowed(a, b, cameras), strict=True) if not pair[0].is_empty]
     in_image = tuple(_summarise(*pair) for pair in pairs)
@@ -146,7 +156,10 @@ def _allowed(
 def _summarise(
     error_map: pixel_errors.PixelMap, allowed: tuple[pixel_errors.PixelMap, ...] | None
 ) -> ImageDifference:
-    """Summarise a map of differences beside the intervals of both transforms, which are independent."""
+    """Summarise a map of differences beside the intervals of both transforms, which are added as if independent.
+
+    Two results with one K share its errors, so these intervals are not independent.
+    """
     allowed_ahead_px = allowed_worst_px = None
     if allowed is not None:
         place = np.unravel_index(int(np.nanargmax(error_map.errors_px)), error_map.errors_px.shape)
@@ -163,6 +176,6 @@ def _summarise(
 
 
 def _of_both(half_widths: Iterable[float | None]) -> float | None:
-    """Compute the half width of a difference from those of two independent values; None if one is unknown."""
+    """Compute the half width of a difference from those of two values as if independent; None if one is unknown."""
     half_width = math.hypot(*(math.nan if half is None else half for half in half_widths))
     return half_width if math.isfinite(half_width) else None

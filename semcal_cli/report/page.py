@@ -160,14 +160,16 @@ def _draw_content(report: ReportInput, progress: Callable[[str], None]) -> dict[
 
 def _map_errors(report: ReportInput) -> list[Plot]:
     """Map the interval over the image, on the photograph of the first frame; empty without an interval."""
-    uncertainty = None if report.record is None else report.record.believed_uncertainty
-    if uncertainty is None:
+    record = report.record
+    if record is None or record.believed_uncertainty is None:
         return []
-    maps = [each for each in uncertainty.pixel_maps(report.observations.camera) if not each.is_empty]
+    camera = record.used_camera
+    maps = [each for each in record.believed_uncertainty.pixel_maps(camera) if not each.is_empty]
     if not maps:
         return []
     image, is_photograph = image_of(report.drive, report.observations, 0)
-    return map_plots(maps, image if is_photograph else None)
+    is_behind = is_photograph and camera.size == report.observations.camera.size
+    return map_plots(maps, image if is_behind else None)
 
 
 def _parts(report: ReportInput) -> tuple[DrivePart, ...]:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from semcal_cli.config import PolishConfig
-from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import listed
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
 from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
@@ -94,11 +93,11 @@ def uncertainty_sentences(record: CalibrationDocument) -> list[str]:
     return [*sentences, *_of_seeds(record), *_of_folds(record)]
 
 
-def map_sentences(record: CalibrationDocument, camera: Camera) -> list[str]:
+def map_sentences(record: CalibrationDocument) -> list[str]:
     """Describe how to read the maps of the interval over the image; empty without an interval."""
     if record.believed_uncertainty is None:
         return []
-    in_image = record.believed_uncertainty.with_pixels(camera).in_image
+    in_image = record.believed_uncertainty.with_pixels(record.used_camera).in_image
     errors = next((errors for errors in in_image if errors.range_m == RANGE_M), None)
     if errors is None:
         return []
@@ -115,8 +114,13 @@ def map_sentences(record: CalibrationDocument, camera: Camera) -> list[str]:
 
 
 def _of_K_in_the_image(record: CalibrationDocument) -> str:
-    if record.uncertainty is None or record.uncertainty.covariance_of_intrinsics is None:
+    uncertainty = record.uncertainty
+    if uncertainty is None or uncertainty.covariance_of_intrinsics is None:
         return ""
+    if uncertainty.twist_by_intrinsics is None:  # an older file
+        return (
+            " Errors of K count by what they do to the transform, although both largely cancel in the image."
+        )
     return " Points are projected with the K of the transform: what its errors do to both largely cancels."
 
 

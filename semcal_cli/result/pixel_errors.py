@@ -172,12 +172,16 @@ def _motions(camera: Camera, points_camera: Vectors) -> Matrices:
 
 
 def _motions_by_intrinsics(camera: Camera, points_camera: Vectors) -> Matrices:
-    """Compute the pixels (N, 2, 4) by which errors of a standard deviation of fx, fy, cx and cy move points (N, 3)."""
+    """Compute the pixels (N, 2, 4) by which errors of a standard deviation of fx, fy, cx and cy move points (N, 3).
+
+    Those of a panorama are along the sphere, as in `_offsets`.
+    """
     (fx, skew, cx), (_, fy, cy), _ = camera.K
     u, v = core_camera(camera).project(points_camera).T
     y = (v - cy) / fy
     zero, one = np.zeros_like(u), np.ones_like(u)
-    columns = [[(u - cx - skew * y) / fx, zero, one, zero], [zero, y, zero, one]]
+    across = np.cos(y) if camera.model == "equirectangular" else one
+    columns = [[across * (u - cx - skew * y) / fx, zero, across, zero], [zero, y, zero, one]]
     sigma = sigma_of(camera)
     return np.asarray(np.moveaxis(np.array(columns), 2, 0) * [sigma.fx, sigma.fy, sigma.cx, sigma.cy])
 

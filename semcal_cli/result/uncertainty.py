@@ -177,6 +177,19 @@ class Uncertainty(StrictModel):
 
     _check_part = model_validator(mode="after")(check_part)
 
+    @model_validator(mode="after")
+    def _check_twist(self) -> "Uncertainty":
+        """Check that the twist by errors of the intrinsics explains no more than their part of the covariance."""
+        part, twist = self.covariance_of_intrinsics, self._by_intrinsics
+        if twist is None:
+            return self
+        if part is None:
+            raise mismatch("a twist_by_intrinsics alone", "a covariance_of_intrinsics beside it")
+        variances = np.diag(part)
+        if ((twist**2).sum(axis=1) > variances + COVARIANCE_TOLERANCE * variances.max()).any():
+            raise mismatch("a twist_by_intrinsics that exceeds the covariance_of_intrinsics", "a part of it")
+        return self
+
     @classmethod
     def from_covariance(
         cls, T_camera_lidar: Pose, covariance: NDArray[np.float64], degrees_of_freedom: NDArray[np.float64]

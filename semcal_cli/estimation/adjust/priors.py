@@ -20,7 +20,11 @@ from semcal_cli import core
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
 from semcal_cli.estimation.stage import StageResult
-from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, shift_by, twist_by_intrinsics
+from semcal_cli.estimation.uncertainty.intrinsics import (
+    around_intrinsics,
+    shift_by,
+    twist_by_intrinsics,
+)
 from semcal_cli.estimation.uncertainty.sensitivity import (
     Measurement,
     Sensitivity,
@@ -163,8 +167,13 @@ class Fused(StageResult):
     """Whether the labels determine the pose without priors."""
     label_gain: Matrix
     """(6, 6) gain from a twist of the labels' optimum to a twist of the pose."""
-    of_intrinsics: Matrix | None
-    """(6, 6) part of the covariance of the pose from errors of the intrinsics; None if they are exact."""
+    twist_by_intrinsics: Matrix | None
+    """(6, 4) twist of the pose by an error of one standard deviation of fx, fy, cx and cy; None if they are exact."""
+
+    @property
+    def of_intrinsics(self) -> Matrix | None:
+        """(6, 6) part of the covariance of the pose from errors of the intrinsics; None if they are exact."""
+        return _square(self.twist_by_intrinsics)
 
 
 def fuse_with_priors(
@@ -186,8 +195,8 @@ def fuse_with_priors(
     around = sensitivity(observations, T_camera_lidar, SensitivityConfig())
     is_alone = around is not None and around.is_determined
     T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
-    of_intrinsics = _of_intrinsics(observations, T)
-    systematic = sum_of(of_intrinsics, of_motion)
+    twist = _twist_by_intrinsics(observations, T)
+    systematic = sum_of(_square(twist), of_motion)
     from_labels: list[OffsetFromLabels | None] = [None] * len(priors)
     if around is not None and is_alone:
         labels = measure(around, systematic)
@@ -202,8 +211,8 @@ def fuse_with_priors(
         if fit.is_closed:
             degrees_of_freedom = fit.labels.degrees_of_freedom(fit.covariance)
             uncertainty = Uncertainty.from_covariance(T, fit.covariance, degrees_of_freedom)
-    if of_intrinsics is not None:
-        of_intrinsics = None if fit is None else np.asarray(label_gain @ of_intrinsics @ label_gain.T)
+    if twist is not None:
+        twist = None if fit is None else np.asarray(label_gain @ twist)
     return Fused(
         T_camera_lidar=T,
         agreement=core.agreement(observations.core, T),
@@ -213,7 +222,7 @@ def fuse_with_priors(
         uncertainty=uncertainty,
         is_alone=is_alone,
         label_gain=label_gain,
-        of_intrinsics=of_intrinsics,
+        twist_by_intrinsics=twist,
     )
 
 
@@ -261,13 +270,16 @@ def _iterate(
     return T, fit
 
 
-def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix | None:
-    """Compute the covariance (6, 6) of the labels' optimum by errors of the intrinsics; None if K is exact."""
+def _square(twist: Matrix | None) -> Matrix | None:
+    return None if twist is None else np.asarray(twist @ twist.T)
+
+
+def _twist_by_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix | None:
+    """Compute the twist (6, 4) of the labels' optimum by errors of the intrinsics; None if K is exact."""
     camera = observations.camera
     if sigma_of(camera) == IntrinsicsSigma():
         return None
-    twist = twist_by_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
-    return None if twist is None else np.asarray(twist @ twist.T)
+    return twist_by_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
 
 
 def _stack_priors(T_camera_lidar: Pose, priors: Sequence[Prior]) -> tuple[Matrix, Numbers, Numbers]:

@@ -134,7 +134,8 @@ class _Import:
         T_camera_lidar, remarks = reference(tree, lidar, camera_frame, rectification, request.frame)
         self.remarks += remarks
         optical = optical_frame(tree, lidar, camera_frame, rectification, request.frame)
-        named = FrameIds.of_recording(lidar, optical)
+        named, remarks = FrameIds.of_recording(lidar, optical)
+        self.remarks += remarks
         self.trajectory, reason = find_motion(
             self.bag, tree, moving, lidar, request.motion, request.motion_frame
         )
