@@ -69,7 +69,7 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             0,
             True,
             [
-                "verdict          trusted: ±2.0 mm, ±0.10 degrees (95 %), or 0.0025 px at 10 m,",
+                "verdict          trusted: ±2.0 mm, ±0.10 degrees (95 %), or 0.0026 px at 10 m,",
                 "                 if K is right, which these frames do not show",
             ],
         ),
@@ -104,7 +104,7 @@ def test_a_camera_that_the_frames_confirm_is_not_in_question() -> None:
     checked = CheckedIntrinsics(intrinsics={"cx": intrinsic}, is_confirmed=True)
     calibration = with_words(status="trusted").model_copy(update={"checked_intrinsics": checked})
     assert verdict_lines(calibration) == [
-        "verdict          trusted: ±2.0 mm, ±0.10 degrees (95 %), or 0.0025 px at 10 m"
+        "verdict          trusted: ±2.0 mm, ±0.10 degrees (95 %), or 0.0026 px at 10 m"
     ]
 
 
