@@ -184,7 +184,9 @@ def test_a_name_that_a_launch_file_computes_is_not_written(tmp_path: Path) -> No
     assert "the frame of the camera is left out of frame_ids: found '-x'" in said
     for name in ("$(var x)", "-x"):
         refused = invoke("convert", with_names(tmp_path), "--to", "ros2-launch", f"--to-camera={name}")
-        assert str(refused.exception).startswith(f"--to-camera, --to-lidar, --base-frame: found {name!r}, expected a name")
+        assert str(refused.exception).startswith(
+            f"--to-camera, --to-lidar, --base-frame: found {name!r}, expected a name"
+        )
 
 
 def test_a_name_of_the_user_is_not_paired_with_a_recorded_one_of_another_publisher(tmp_path: Path) -> None:
