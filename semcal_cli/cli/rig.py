@@ -93,14 +93,12 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
         raise CalibrationError(failure_sentence(failures, len(drives)))
-    adjustment = None
-    if rig.constraints:
-        adjustment, found = adjust(cameras, rig.constraints)
-        for name, (T, uncertainty) in found.items():
-            if not np.array_equal(T, cameras[name].pose):
-                data = load(cameras[name].applied_to(drives[name]), config, sweeps=sweeps).unrolled(T)
-                cameras[name] = adjusted_calibration(cameras[name], data.observations, T, uncertainty)
-                write_calibration(cameras[name], folder / f"{name}.yaml")
+    adjustment, poses = adjust(cameras, rig.constraints) if rig.constraints else (None, {})
+    for name, (T, uncertainty) in poses.items():
+        if not np.array_equal(T, cameras[name].pose):
+            data = load(cameras[name].applied_to(drives[name]), config, sweeps=sweeps).unrolled(T)
+            cameras[name] = adjusted_calibration(cameras[name], data.observations, T, uncertainty)
+            write_calibration(cameras[name], folder / f"{name}.yaml")
     result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different, adjustment)
     _write(result_of_rig, rig, drives, result, hashes)
     if settings.log is not None:

@@ -156,13 +156,8 @@ class Stages:
             observations: Those of the drive, by the cues that refined the pose.
         """
         seen = self.seen or observations
-        agreement = self.last.agreement
-        return Quality(
-            mutual_information_nats=agreement.mutual_information,
-            bias_nats=agreement.bias,
-            label_agreement=agreement.label_agreement,
-            overlap=agreement.overlap,
-            num_points=agreement.num_inside - agreement.num_hidden,
+        return Quality.of(
+            self.last.agreement,
             turn_loss=seen.turn_loss(self.T_camera_lidar),
             num_frames=observations.num_frames,
             runner_up_margin=None if self.searched is None else self.searched.runner_up_margin,

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, JsonValue, field_validator
 
+from semcal_cli import core
 from semcal_cli.config import AUTO, LABELS
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.frame_ids import FrameIds
@@ -114,6 +115,22 @@ class Quality(StrictModel):
     runner_up_margin: Figure | None = None
     """Difference between the mutual information of the initial calibration and that of the runner-up, in its standard
     errors; null if no other mounting direction was compared."""
+
+    @classmethod
+    def of(
+        cls, agreement: core.Agreement, *, turn_loss: float, num_frames: int, runner_up_margin: float | None
+    ) -> Quality:
+        """Take the figures of an agreement, with what it does not know."""
+        return cls(
+            mutual_information_nats=agreement.mutual_information,
+            bias_nats=agreement.bias,
+            label_agreement=agreement.label_agreement,
+            overlap=agreement.overlap,
+            num_points=agreement.num_inside - agreement.num_hidden,
+            turn_loss=turn_loss,
+            num_frames=num_frames,
+            runner_up_margin=runner_up_margin,
+        )
 
 
 class Stage(StrictModel):

@@ -41,7 +41,7 @@ from semcal_cli.many.rig.rig_document import MAX_CONSTRAINTS, Constraint
 from semcal_cli.observations.observations import Observations
 from semcal_cli.readable import figure, lengths
 from semcal_cli.result.calibration_document import CalibrationDocument
-from semcal_cli.result.sections import Stage
+from semcal_cli.result.sections import Quality, Stage
 from semcal_cli.result.uncertainty import Uncertainty
 
 STAGE = "adjusted"
@@ -342,15 +342,11 @@ def adjusted_calibration(
         uncertainty: Its uncertainty.
     """
     agreement, away = core.agreement(observations.core, T), compare_poses(T, calibration.pose)
-    quality = calibration.quality.model_copy(
-        update={
-            "mutual_information_nats": agreement.mutual_information,
-            "bias_nats": agreement.bias,
-            "label_agreement": agreement.label_agreement,
-            "overlap": agreement.overlap,
-            "num_points": agreement.num_inside - agreement.num_hidden,
-            "turn_loss": observations.turn_loss(T),
-        }
+    quality = Quality.of(
+        agreement,
+        turn_loss=observations.turn_loss(T),
+        num_frames=calibration.quality.num_frames,
+        runner_up_margin=calibration.quality.runner_up_margin,
     )
     stage = Stage(T_camera_lidar=T.tolist(), mutual_information_nats=agreement.mutual_information)
     note = (
