@@ -284,7 +284,7 @@ def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
     unsure = fuse_with_priors(street_observations, polished, [tape], of_motion=of_clock)
     assert [finding.topic for finding in check_priors(sure)] == ["prior"]
     assert check_priors(unsure) == ()
-    assert unsure.of_intrinsics is None
+    assert unsure.twist_by_intrinsics is None
     off_m = camera_center(unsure.T_camera_lidar) - camera_center(measured)
     assert np.linalg.norm(off_m) < 0.01
     assert unsure.uncertainty is not None

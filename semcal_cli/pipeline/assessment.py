@@ -175,9 +175,9 @@ class _AssessedPose:
     @cached_property
     def budget(self) -> ErrorBudget:
         """Parts of the covariance of the pose by the intrinsics, the clock and the motion."""
-        joint, clock = self.stages.joint, self.clock
+        joint, clock, twist = self.stages.joint, self.clock, self.twist_by_intrinsics
         return ErrorBudget(
-            intrinsics=self._covariance_of_intrinsics(),
+            intrinsics=None if twist is None else np.asarray(twist @ twist.T),
             clock=None if clock is None or self.is_clock_estimated else clock.covariance(self.label_gain),
             motion=self._covariance_of_motion(),
             left_open=None if joint is None else joint.left_open,
@@ -195,10 +195,6 @@ class _AssessedPose:
             stated = sigma_of(camera).model_copy(update=exact)
             camera = camera.model_copy(update={"intrinsics_sigma": stated})
         return twist_by_intrinsics(self.shift, camera)
-
-    def _covariance_of_intrinsics(self) -> Matrix | None:
-        twist = self.twist_by_intrinsics
-        return None if twist is None else np.asarray(twist @ twist.T)
 
     def _covariance_of_motion(self) -> Matrix | None:
         joint, later_s = self.stages.joint, 0.0
@@ -266,7 +262,7 @@ def _uncertainty(pose: _AssessedPose, *, with_label_bleed: bool) -> Uncertainty 
     parts = {
         "label_bleed": label_bleed(observations, T, config, pose.label_gain) if with_label_bleed else None,
         "covariance_of_intrinsics": None if of_K is None else tuple(map(tuple, of_K.tolist())),
-        "twist_by_intrinsics": None if of_K is None or twist is None else tuple(map(tuple, twist.tolist())),
+        "twist_by_intrinsics": None if twist is None else tuple(map(tuple, twist.tolist())),
     }
     return uncertainty.model_copy(update=parts)
 

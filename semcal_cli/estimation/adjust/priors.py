@@ -170,11 +170,6 @@ class Fused(StageResult):
     twist_by_intrinsics: Matrix | None
     """(6, 4) twist of the pose by an error of one standard deviation of fx, fy, cx and cy; None if they are exact."""
 
-    @property
-    def of_intrinsics(self) -> Matrix | None:
-        """(6, 6) part of the covariance of the pose from errors of the intrinsics; None if they are exact."""
-        return _square(self.twist_by_intrinsics)
-
 
 def fuse_with_priors(
     observations: Observations,
@@ -196,7 +191,7 @@ def fuse_with_priors(
     is_alone = around is not None and around.is_determined
     T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     twist = _twist_by_intrinsics(observations, T)
-    systematic = sum_of(_square(twist), of_motion)
+    systematic = sum_of(None if twist is None else twist @ twist.T, of_motion)
     from_labels: list[OffsetFromLabels | None] = [None] * len(priors)
     if around is not None and is_alone:
         labels = measure(around, systematic)
@@ -268,10 +263,6 @@ def _iterate(
         if moved_px < SETTLED_PX:
             break
     return T, fit
-
-
-def _square(twist: Matrix | None) -> Matrix | None:
-    return None if twist is None else np.asarray(twist @ twist.T)
 
 
 def _twist_by_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix | None:
