@@ -892,9 +892,10 @@ class Steps:
     """Changes along the scan from each point of a sweep to its neighbours."""
 
     range_m: NDArray[np.float32]
-    """(N,) range of the farther one of the two neighbours minus that of the point, metres.
+    """(N,) how far the next ray reaches beyond the point's surface, on the side where that is more, metres.
 
-    It is infinite if there is no return next to the point, and NaN if the point itself is not a return.
+    It is infinite if there is no return next to the point, and NaN if the point itself is not a return or the pattern
+    of the scan has no ray next to it.
     """
     to_range_step_m: _Float32
     """(N, 3) vector from each point towards that neighbour's ray, metres, to where the surface ends."""
@@ -906,17 +907,21 @@ class Steps:
     """(N,) larger intensity difference to a neighbour on the same surface; NaN if there is none."""
 
 def edge_steps(
-    points: Sequence[_Float32], intensities: Sequence[NDArray[np.float32] | None], same_surface_m: float
+    sweeps: Sequence[tuple[_Float32, NDArray[np.float32] | None, NDArray[np.uint16] | None]],
+    same_surface_m: float,
 ) -> list[Steps]:
     """Find the steps in range and intensity along the scans of sweeps, in parallel.
 
+    Neighbours are those of the same laser if the points are in the order of the scan: one laser after the other, or in
+    the order of each laser's scan if rings are given. Otherwise they are at about the same elevation.
+
     Args:
-        points: (N, 3) each, metres, LiDAR frame, as scanned, in any order.
-        intensities: (N,) each, or None.
+        sweeps: For each its points (N, 3), metres, from where the rays start, as scanned, in any order; their
+            intensities (N,), or None; and their rings (N,), or None.
         same_surface_m: Largest range difference of points on one surface.
 
     Raises:
-        InputError: the numbers of intensities and points differ.
+        ValueError: the numbers of points, intensities and rings of a sweep differ.
     """
 
 def classes_of_scores(

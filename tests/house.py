@@ -30,7 +30,7 @@ MORE_PUBLIC_NAMES = {
     "estimation/uncertainty": 29,
     "files": 84,
     "geometry": 30,
-    "observations": 66,
+    "observations": 65,
     "pipeline": 29,
     "result": 56,
 }

@@ -31,6 +31,7 @@ from semcal_cli.observations.cues.edges import (
     STARTS,
     STARTS_ALONE,
     edges_of_sweeps,
+    gradients,
     observe_edges,
 )
 from semcal_cli.observations.loading import load
@@ -96,11 +97,23 @@ def test_exposure_and_light_change_no_level(street: Path, seen: Observations, tm
     path = str(drive.resolve(str(drive.frames[0].image)))
     image = cv2.imread(path)
     assert image is not None
-    light = np.linspace(1.0, 0.7, image.shape[1])[:, None]
+    light = np.linspace(1.0, 0.5, image.shape[1])[:, None]
     cv2.imwrite(path, (image * light).round().astype(np.uint8))
     dark = observe_edges(drive.model_copy(update={"frames": drive.frames[:1]}))
     before, after = seen.images[0].classes, dark.images[0].classes
     assert np.mean(np.abs(before.astype(int) - after.astype(int)) <= 1) > UNMOVED
+
+
+def test_an_edge_is_as_strong_in_the_shade_beside_the_light(street: Path) -> None:
+    camera = read_drive(street).camera
+    width, height = camera.size
+    image = np.full((height, width, 3), 200, np.uint8)
+    image[:, width // 2 + 20 :] = 150
+    image[height // 2 :] //= 4
+    strength, is_inside = gradients(camera, image, np.ones((height, width), bool), 1.0, EDGES)
+    light, shade = (strength[height // 2 + side, is_inside[height // 2]].max() for side in (-30, 30))
+    assert light > 0.0
+    assert shade == pytest.approx(light, rel=0.15)
 
 
 def test_information_is_highest_at_the_truth_about_every_axis(seen: Observations, street_truth: Pose) -> None:
@@ -242,3 +255,24 @@ def test_a_mounting_that_edges_decide_for_leads_the_hypotheses(bare: Path) -> No
     assert led.hypotheses[1].rotation_from_best_deg == pytest.approx(second.rotation_from_best_deg)
     assert led.agreement.mutual_information == pytest.approx(second.mutual_information_nats)
     assert led.runner_up_margin is None or led.runner_up_margin < 0.0
+
+
+def test_rings_tell_which_rays_are_neighbours() -> None:
+    # From a laser 20 cm above the origin, a pole 2 m away seems to be as low as what another laser sees of the wall.
+    azimuths, elevations = np.radians(np.arange(360.0)), np.array([0.0, 0.02])
+    ranges = np.where(np.arange(360) == 90, 2.0, 10.0)
+    along = ranges[:, None] * np.cos(elevations)
+    points = np.stack(
+        [
+            along * np.cos(azimuths)[:, None],
+            along * np.sin(azimuths)[:, None],
+            ranges[:, None] * np.sin(elevations) + 0.2,
+        ],
+        axis=-1,
+    )
+    points = points.reshape(-1, 3).astype(np.float32)
+    rings = np.tile(np.arange(2, dtype=np.uint16), 360)
+    (steps,) = core.edge_steps([(points, None, rings)], EDGES.same_surface_m)
+    np.testing.assert_array_equal(np.flatnonzero(steps.range_m > 1.0), [180, 181])
+    with pytest.raises(ValueError, match="719 intensities or rings of 720 points"):
+        core.edge_steps([(points, None, rings[1:])], EDGES.same_surface_m)

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::arrays::{borrowed_rows, to_array2};
 use super::calls::{detached, value_error};
 use super::observations::{PyLabelledCloud, PyLabelledImage};
-use crate::edges::{self, Steps};
+use crate::edges::{self, Scanned, Steps};
 use crate::label_borders::{Tiling, steps_at_pixel_borders, steps_at_point_borders};
 
 #[pyclass(name = "Steps", frozen, get_all)]
@@ -22,27 +22,35 @@ pub(super) struct PySteps {
     intensity: Option<Py<PyArray1<f32>>>,
 }
 
+/// Points of a sweep, intensities and rings.
+type PySweep<'py> =
+    (PyReadonlyArray2<'py, f32>, Option<PyReadonlyArray1<'py, f32>>, Option<PyReadonlyArray1<'py, u16>>);
+
 #[pyfunction]
 pub(super) fn edge_steps(
     py: Python<'_>,
-    points: Vec<PyReadonlyArray2<f32>>,
-    intensities: Vec<Option<PyReadonlyArray1<f32>>>,
+    sweeps: Vec<PySweep>,
     same_surface_m: f64,
 ) -> PyResult<Vec<PySteps>> {
-    let rows = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
-    let values = intensities
+    let points =
+        sweeps.iter().map(|(points, ..)| borrowed_rows("points", points)).collect::<PyResult<Vec<_>>>()?;
+    let sweeps = points
         .iter()
-        .map(|values| values.as_ref().map(|values| values.as_slice()).transpose())
-        .collect::<Result<Vec<_>, _>>()?;
-    let counts = rows.iter().map(|sweep| sweep.len());
-    if values.len() != rows.len()
-        || counts.zip(&values).any(|(count, values)| values.is_some_and(|v| v.len() != count))
-    {
-        return Err(value_error("every sweep needs an intensity for each point, or None"));
-    }
-    let sweeps: Vec<_> = rows.iter().map(AsRef::as_ref).zip(values).collect();
+        .zip(&sweeps)
+        .map(|(points, sweep)| scanned(points, sweep))
+        .collect::<PyResult<Vec<_>>>()?;
     let steps = detached(|| edges::steps(&sweeps, same_surface_m));
     steps.iter().map(|steps| PySteps::new(py, steps)).collect()
+}
+
+fn scanned<'a>(points: &'a [[f32; 3]], (_, intensity, rings): &'a PySweep) -> PyResult<Scanned<'a>> {
+    let intensity = intensity.as_ref().map(|values| values.as_slice()).transpose()?;
+    let rings = rings.as_ref().map(|values| values.as_slice()).transpose()?;
+    let counts = [intensity.map(<[f32]>::len), rings.map(<[u16]>::len)];
+    if let Some(count) = counts.into_iter().flatten().find(|&count| count != points.len()) {
+        return Err(value_error(format!("found {count} intensities or rings of {} points", points.len())));
+    }
+    Ok(Scanned { points, intensity, rings })
 }
 
 impl PySteps {

@@ -88,7 +88,7 @@ class ArrayCloud:
     """(N,) raw class ids."""
     label_shares: core.ClassShares | None
     """Probabilities of raw class ids instead."""
-    ring: RawIds | Values | None = None
+    ring: RawIds | None = None
     """(N,) ring of each point, which arrays do not state."""
 
     @property

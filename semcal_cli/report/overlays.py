@@ -19,12 +19,11 @@ from semcal_cli.files.image_files import write_image
 from semcal_cli.files.output_files import make_folder
 from semcal_cli.geometry.arrays import Colors, Image, Pose
 from semcal_cli.observations.cues.edges import EDGES, gradients
-from semcal_cli.observations.cues.intensity import grey_values
 from semcal_cli.observations.cues.segments import SegmentationConfig
 from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.observations.reading import read_frame_image
+from semcal_cli.observations.reading import read_frame_image, read_needed_image
 from semcal_cli.report.colors import (
     NO_PAIR,
     ColorMeaning,
@@ -98,10 +97,11 @@ def edge_image(drive: Drive, frame: Frame) -> Image:
     Raises:
         InputError: the frame has no image, or it is wrong.
     """
-    grey = grey_values(drive, frame)
+    image = read_needed_image(drive, frame)
     (mask,) = seen_pixels(drive, [frame])
-    strength, is_inside = gradients(drive.camera, grey, mask, BLUR_PX, EDGES)
+    strength, is_inside = gradients(drive.camera, image, mask, BLUR_PX, EDGES)
     full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     grey_with_edges = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
     return np.asarray(np.repeat(grey_with_edges.astype(np.uint8)[..., None], 3, axis=2))
 

@@ -77,7 +77,7 @@ def between_rings(drive: Drive) -> Observations:
 
     def classes_of(index: int, cloud: LabelledCloud) -> np.ndarray:
         turned = np.ascontiguousarray(cloud.points @ QUARTER_TURN.T.astype(np.float32))
-        (steps,) = core.edge_steps([turned], [None], EDGES.same_surface_m)
+        (steps,) = core.edge_steps([(turned, None, None)], EDGES.same_surface_m)
         ranges = np.linalg.norm(cloud.points, axis=1)
         # Rings lie far apart, so that the ground steps from one to the next as well.
         found = np.digitize(

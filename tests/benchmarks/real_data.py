@@ -50,6 +50,29 @@ def real_drives(data: Path, folder: Path) -> Iterator[RealDrive]:
             yield from read(data / source, folder)
 
 
+def with_fewer_rings(real: RealDrive, kept: int, folder: Path) -> Iterator[RealDrive]:
+    """Write a drive of KITTI again with some of the 64 rings of its sweeps, once for each first ring."""
+    document = yaml.safe_load((real.path / "drive.yaml").read_text())
+    step = 64 // kept
+    for first in range(step):
+        path = folder / f"{real.path.name}_{kept}_rings_from_{first}"
+        path.mkdir()
+        frames = []
+        for number, frame in enumerate(document["frames"]):
+            points = np.fromfile(real.path / frame["points"], np.float32).reshape(-1, 4)
+            cut = path / f"{number}.bin"
+            points[_rings(points) % step == first].tofile(cut)
+            frames.append(frame | {"points": str(cut)})
+        (path / "drive.yaml").write_text(yaml.safe_dump(document | {"frames": frames}))
+        yield real._replace(name=f"{real.name}, {kept} rings from {first}", path=path)
+
+
+def _rings(points: np.ndarray) -> np.ndarray:
+    """Number the rings (N,) of a sweep of KITTI, whose file has one after the other, each from straight ahead."""
+    turned = np.arctan2(points[:, 1], points[:, 0]) % (2.0 * np.pi)
+    return np.cumsum(np.diff(turned, prepend=turned[0]) < -np.pi)
+
+
 def _kitti_object(source: Path, folder: Path) -> Iterator[RealDrive]:
     images = sorted((source / "image_2").glob("*.png"))
     # Images of the set differ by a few pixels in size; those of one drive have one size.

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import ContrastConfig, ExactConfig, StartsConfig
@@ -24,19 +23,24 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, name_in_errors
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.geometry.arrays import ClassIds, Mask, Points, Values
+from semcal_cli.geometry.arrays import ClassIds, Image, Mask, Points, Values
 from semcal_cli.observations.cues.cue import Cue
-from semcal_cli.observations.cues.intensity import grey_values, surroundings
+from semcal_cli.observations.cues.intensity import surroundings
 from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
-from semcal_cli.observations.reading import make_observations, read_clouds
+from semcal_cli.observations.reading import make_observations, read_clouds, read_needed_image
 from semcal_cli.threads import thread_pool
 
 NO_EDGE = 0
 """Class of a point next to which nothing changes."""
-MIN_GRADIENT = 2.0
-"""Gradient of grey values, per pixel, that is added to that of the surroundings: less is sensor noise."""
+SOBEL_SUM = 8.0
+"""Sum of the weights of Sobel's filter for a slope of 1."""
+MIN_GRADIENT = 0.006
+"""Gradient of the logarithm of colours, per pixel, that is added to that of the surroundings: less is sensor noise."""
+DARK = 8.0
+"""Value that is added to colours, 0 to 255, before their logarithm is taken: less is dark. With 3 to 50, poses by real
+drives scatter alike (docs/benchmarks_cues.md)."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +59,10 @@ class EdgesConfig:
     """Number of points without an edge for each point with one; more cost time and add little."""
     num_levels: int = 8
     """Number of equally frequent levels of the gradient of an image."""
-    blur_rays: float = 0.5
+    blur_rays: float = 0.3
     """Standard deviation of the blur of an image before and after its gradient is taken, in angles between
-    neighbouring rays: a step lies anywhere between two rays."""
-    most_blur_across_deg: float = 0.1
+    neighbouring rays: a step lies anywhere between two rays, and 1 / sqrt(12) is that of a uniform distribution."""
+    most_blur_across_deg: float = 0.05
     """Largest standard deviation of the blur across the scans, degrees: a step is where its ring is, and a blur of a
     coarse LiDAR's rays moves the upper edge downwards (tests/benchmarks/hand_eye.py)."""
     least_blur_px: float = 0.7
@@ -100,9 +104,9 @@ def observe_edges(
     )
 
     def levels_of(frame: Frame, mask: Mask) -> ClassIds:
-        grey = grey_values(drive, frame)
+        image = read_needed_image(drive, frame)
         with name_in_errors(drive.resolve(str(frame.image))):
-            return _levels(drive.camera, grey, mask, blur_px, config)
+            return _levels(drive.camera, image, mask, blur_px, config)
 
     with thread_pool() as pool:
         images = list(pool.map(levels_of, drive.frames, seen_pixels(drive, drive.frames)))
@@ -138,13 +142,14 @@ def edges_of_sweeps(
     config: EdgesConfig = EDGES,
     rays: Callable[[Points], Points] = lambda points: points,
 ) -> SweepEdges:
-    """Find the edges of sweeps, in the order of the scan; `rays` finds their vectors from where they start."""
+    """Find the edges of sweeps along their scans; `rays` finds their vectors from where they start."""
     points = [rays(cloud.points) for cloud in clouds]
     of_clouds = [cloud.intensity for cloud in clouds]
     columns = [np.nan_to_num(values.astype(np.float32)) for values in of_clouds if values is not None]
     has_intensity = len(columns) == len(clouds)
     intensities = columns if has_intensity else [None] * len(clouds)
-    steps = core.edge_steps(points, intensities, config.same_surface_m)
+    rings = [cloud.ring for cloud in clouds]
+    steps = core.edge_steps(list(zip(points, intensities, rings, strict=True)), config.same_surface_m)
     limits: list[float] = []
     if has_intensity:
         values = np.concatenate([sweep.intensity for sweep in steps if sweep.intensity is not None])
@@ -184,28 +189,28 @@ def _classes(ranges_m: Values, steps: core.Steps, limits: Sequence[float], confi
     return classes
 
 
-def _levels(
-    camera: Camera, grey: npt.NDArray[np.float64], mask: Mask, blur_px: float, config: EdgesConfig
-) -> ClassIds:
-    """Compute the level (H, W) of the left-to-right gradient of grey values (H, W), relative to its surroundings."""
-    strength, is_inside = gradients(camera, grey, mask, blur_px, config)
+def _levels(camera: Camera, image: Image, mask: Mask, blur_px: float, config: EdgesConfig) -> ClassIds:
+    """Compute the level (H, W) of the left-to-right gradient of an image, relative to its surroundings."""
+    strength, is_inside = gradients(camera, image, mask, blur_px, config)
     if not is_inside.any():
         raise CalibrationError(
             "found no pixel that is inside the lens and far enough from its border, expected image gradients"
         )
     limits = np.quantile(strength[is_inside], np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1])
-    levels = np.digitize(strength, limits) if limits[0] < limits[-1] else np.zeros(grey.shape)
+    levels = np.digitize(strength, limits) if limits[0] < limits[-1] else np.zeros(strength.shape)
     return np.where(is_inside, levels, NO_CLASS).astype(np.uint8)
 
 
 def gradients(
-    camera: Camera, grey: npt.NDArray[np.float64], mask: Mask, blur_px: float, config: EdgesConfig
+    camera: Camera, image: Image, mask: Mask, blur_px: float, config: EdgesConfig
 ) -> tuple[Values, Mask]:
     """Compute the left-to-right gradients of an image, relative to their mean in the surroundings.
 
+    They are those of the logarithm of the colours, so that an edge is as strong in the shade as in the light.
+
     Args:
         camera: The camera, whose lens converts angles to pixels.
-        grey: (H, W) grey values, 0 to 255.
+        image: (H, W, 3) colours.
         mask: (H, W) pixels that show the scene and are within the reach of the lens.
         blur_px: Standard deviation of the blur before and after the gradient is taken; smaller from top to bottom
             where it is more than the config allows.
@@ -216,12 +221,13 @@ def gradients(
     """
     across_px = math.radians(config.most_blur_across_deg) * core_camera(camera).pixels_per_radian
     across_px = max(min(blur_px, across_px), config.least_blur_px)
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px, sigmaY=across_px)
+    smooth = cv2.GaussianBlur(np.log(image.astype(np.float32) + DARK), (0, 0), blur_px, sigmaY=across_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
     # The border of the image is not a border of the mask.
     padded = np.pad(mask.astype(np.uint8), 1, mode="edge")
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
-    strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside
+    of_colors = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1.0 / SOBEL_SUM)
+    strength = np.sqrt(np.mean(np.square(of_colors), axis=2)) * is_inside
     mean_around = surroundings(camera, config.surroundings_deg)
     weights = np.maximum(mean_around(is_inside), np.finfo(np.float32).tiny)
     beside = strength / (mean_around(strength) / weights + MIN_GRADIENT)

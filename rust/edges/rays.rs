@@ -1,0 +1,98 @@
+//! The rays of a sweep, by their angles.
+
+use std::f64::consts::{PI, TAU};
+
+use geometry::angles::{azimuth, elevation, from_angles};
+use nalgebra::Vector3;
+
+use crate::point_cloud::to_f64;
+use crate::segmentation::is_return;
+
+/// Rays closer than this count as one direction, radians.
+pub const MIN_ANGLE: f64 = 3e-4;
+/// Largest distance of a neighbour, radians.
+pub const REACH: f64 = 0.02;
+/// Elevation tolerance of a neighbour, radians, and the same relative to its distance: a ring is not a circle if
+/// the sensor is tilted or corrects for the positions of its lasers, and a rosette has no rings.
+pub const HEIGHT_TOLERANCE: f64 = 5e-4;
+pub const SLOPE: f64 = 0.3;
+/// Smallest cosine of an elevation: at the poles azimuths are meaningless.
+const MIN_COSINE: f64 = 1e-3;
+
+/// Ray of a return.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    pub azimuth: f64,
+    pub elevation: f64,
+    pub range: f64,
+    /// Index among all points of the sweep.
+    pub index: usize,
+}
+
+/// The ray of each return, in the order of the points.
+pub fn returns(points: &[[f32; 3]]) -> Vec<Ray> {
+    let ray = |(index, point): (usize, &[f32; 3])| {
+        let point = to_f64(point);
+        let (azimuth, elevation) = (azimuth(&point), elevation(&point));
+        is_return(&point).then(|| Ray { azimuth, elevation, range: point.norm(), index })
+    };
+    points.iter().enumerate().filter_map(ray).collect()
+}
+
+impl Ray {
+    fn direction(&self) -> Vector3<f64> {
+        from_angles(self.azimuth, self.elevation)
+    }
+
+    /// Radians of arc per radian of azimuth.
+    pub fn across(&self) -> f64 {
+        self.elevation.cos().max(MIN_COSINE)
+    }
+
+    /// Turn to another ray, radians of azimuth, in [-pi, pi).
+    pub fn turn_to(&self, other: &Self) -> f64 {
+        (other.azimuth - self.azimuth + PI).rem_euclid(TAU) - PI
+    }
+
+    /// Distance of another ray at about the same elevation, radians of arc.
+    pub fn arc_to(&self, other: &Self) -> f64 {
+        self.turn_to(other).abs() * self.across()
+    }
+
+    /// Whether another ray at about the same elevation has the same direction.
+    pub fn is_in_line_with(&self, other: &Self) -> bool {
+        self.arc_to(other) <= MIN_ANGLE
+    }
+
+    /// Whether another ray, radians of arc away, is at about the same elevation.
+    pub fn is_level_with(&self, other: &Self, distance: f64) -> bool {
+        (other.elevation - self.elevation).abs() <= HEIGHT_TOLERANCE + SLOPE * distance
+    }
+
+    /// Vector from the point, metres, to its range half-way to a neighbour's ray.
+    pub fn half_way(&self, neighbour: Self) -> [f32; 3] {
+        self.to(&(self.direction() + neighbour.direction()))
+    }
+
+    /// Vector from the point, metres, to its range in a direction.
+    fn to(&self, direction: &Vector3<f64>) -> [f32; 3] {
+        let by = (direction.normalize() - self.direction()) * self.range;
+        [by.x as f32, by.y as f32, by.z as f32]
+    }
+
+    /// Vector from the point, metres, to its range at another azimuth, radians of arc away.
+    pub fn turned(&self, arc: f64) -> [f32; 3] {
+        self.to(&from_angles(self.azimuth + arc / self.across(), self.elevation))
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Neighbour {
+    /// Index among the rays.
+    pub at: usize,
+    /// Distance, radians of arc.
+    pub distance: f64,
+}
+
+/// Neighbours of a ray towards larger azimuths, and towards smaller ones.
+pub type Sides = [Option<Neighbour>; 2];
