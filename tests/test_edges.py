@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from commands import invoke
 from conftest import FINE_STREET, make_pose, without
 
 from semcal_cli import core
+from semcal_cli.checks import other_pose
 from semcal_cli.checks.cues_disagree import check_coarse_cue
 from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.camera import core_camera
@@ -276,3 +278,25 @@ def test_rings_tell_which_rays_are_neighbours() -> None:
     np.testing.assert_array_equal(np.flatnonzero(steps.range_m > 1.0), [180, 181])
     with pytest.raises(ValueError, match="719 intensities or rings of 720 points"):
         core.edge_steps([(points, None, rings[1:])], EDGES.same_surface_m)
+
+
+def test_a_maximum_beside_the_result_is_a_rival(
+    street: Path, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    observations = load(street, CalibrationConfig(cues=("edges",))).observations
+    beside = make_pose((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)) @ street_truth
+    uncertainty = SimpleNamespace(half_widths=np.full(6, 0.05))
+
+    def sentences(end: Pose) -> str:
+        monkeypatch.setattr(other_pose, "newton", lambda *_: SimpleNamespace(T_camera_lidar=end))
+        monkeypatch.setattr(
+            other_pose,
+            "sigmas_behind",
+            lambda _, __, rivals: [1.0 if rival is end else 9.0 for rival in rivals],
+        )
+        measured = other_pose.check_rivals(observations, street_truth, uncertainty)  # type: ignore[arg-type]
+        return " ".join(str(finding) for each in measured for finding in each.findings)
+
+    assert "10 cm away" in sentences(beside)
+    # What comes back to the result is none.
+    assert "10 cm away" not in sentences(street_truth)
