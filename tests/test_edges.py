@@ -260,7 +260,7 @@ def test_a_mounting_that_edges_decide_for_leads_the_hypotheses(bare: Path) -> No
 
 
 def test_rings_tell_which_rays_are_neighbours() -> None:
-    # From a laser 20 cm above the origin, a pole 2 m away seems to be as low as what another laser sees of the wall.
+    # Lasers 20 cm above the origin: a pole 2 m away seems to be higher than the wall that they see beside it.
     azimuths, elevations = np.radians(np.arange(360.0)), np.array([0.0, 0.02])
     ranges = np.where(np.arange(360) == 90, 2.0, 10.0)
     along = ranges[:, None] * np.cos(elevations)
@@ -276,6 +276,9 @@ def test_rings_tell_which_rays_are_neighbours() -> None:
     rings = np.tile(np.arange(2, dtype=np.uint16), 360)
     (steps,) = core.edge_steps([(points, None, rings)], EDGES.same_surface_m)
     np.testing.assert_array_equal(np.flatnonzero(steps.range_m > 1.0), [180, 181])
+    assert np.isfinite(steps.range_m[[180, 181]]).all()
+    (by_elevation,) = core.edge_steps([(points, None, None)], EDGES.same_surface_m)
+    assert np.isinf(by_elevation.range_m[[180, 181]]).all()
     with pytest.raises(ValueError, match="719 intensities or rings of 720 points"):
         core.edge_steps([(points, None, rings[1:])], EDGES.same_surface_m)
 

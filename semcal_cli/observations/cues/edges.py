@@ -61,7 +61,7 @@ class EdgesConfig:
     """Number of equally frequent levels of the gradient of an image."""
     blur_rays: float = 0.3
     """Standard deviation of the blur of an image before and after its gradient is taken, in angles between
-    neighbouring rays: a step lies anywhere between two rays, and 1 / sqrt(12) is that of a uniform distribution."""
+    neighbouring rays: a step lies anywhere between two rays. docs/benchmarks_cues.md compares it with 0.5."""
     most_blur_across_deg: float = 0.05
     """Largest standard deviation of the blur across the scans, degrees: a step is where its ring is, and a blur of a
     coarse LiDAR's rays moves the upper edge downwards (tests/benchmarks/hand_eye.py)."""
