@@ -1,8 +1,6 @@
 //! The rays of a sweep, by their angles.
 
-use std::f64::consts::{PI, TAU};
-
-use geometry::angles::{azimuth, elevation, from_angles};
+use geometry::angles::{azimuth, elevation, from_angles, wrapped};
 use nalgebra::Vector3;
 
 use crate::point_cloud::to_f64;
@@ -51,7 +49,7 @@ impl Ray {
 
     /// Turn to another ray, radians of azimuth, in [-pi, pi).
     pub fn turn_to(&self, other: &Self) -> f64 {
-        (other.azimuth - self.azimuth + PI).rem_euclid(TAU) - PI
+        wrapped(other.azimuth - self.azimuth)
     }
 
     /// Distance of another ray at about the same elevation, radians of arc.

@@ -1,8 +1,9 @@
 //! Neighbours at about the same elevation, for points in any order.
 
 use std::cmp::Ordering;
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, TAU};
 
+use geometry::angles::wrapped;
 use rayon::prelude::*;
 
 use super::rays::{HEIGHT_TOLERANCE, MIN_ANGLE, Neighbour, REACH, Ray, SLOPE, Sides};
@@ -142,11 +143,6 @@ impl RowAround<'_> {
         *begun = if is_near { *begun + ahead } else { self.rays.partition_point(is_before) };
         *begun
     }
-}
-
-/// An azimuth in [-pi, pi).
-fn wrapped(azimuth: f64) -> f64 {
-    (azimuth + PI).rem_euclid(TAU) - PI
 }
 
 fn row(elevation: f64) -> usize {

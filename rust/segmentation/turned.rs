@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use geometry::angles::{azimuth, elevation};
+use geometry::angles::{azimuth, elevation, wrapped};
 use nalgebra::{UnitVector3, Vector3};
 use rayon::prelude::*;
 
@@ -94,7 +94,7 @@ impl CoveredAzimuths {
     fn shifted(&self, azimuth: f64, share: f64) -> f64 {
         let from_start = (azimuth - self.start).rem_euclid(TAU);
         let shifted = self.start + (from_start + share * self.width) % self.width;
-        (shifted + PI).rem_euclid(TAU) - PI
+        wrapped(shifted)
     }
 }
 
@@ -122,7 +122,7 @@ impl Rows {
         let row = &self.rows[self.filled[row]];
         let after = row.partition_point(|(other, _)| *other < azimuth);
         let (after, before) = (row[after % row.len()], row[(after + row.len() - 1) % row.len()]);
-        let apart = |other: f64| (other - azimuth + PI).rem_euclid(TAU) - PI;
+        let apart = |other: f64| wrapped(other - azimuth);
         if apart(after.0).abs() < apart(before.0).abs() { after.1 } else { before.1 }
     }
 }

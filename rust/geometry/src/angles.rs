@@ -1,5 +1,7 @@
 //! Directions as azimuth and elevation, radians, in the LiDAR frame (x forward, y left, z up).
 
+use std::f64::consts::{PI, TAU};
+
 use nalgebra::Vector3;
 
 /// Returns the angle from the x axis towards y, in (-pi, pi].
@@ -12,6 +14,11 @@ pub fn azimuth(direction: &Vector3<f64>) -> f64 {
 #[inline]
 pub fn elevation(direction: &Vector3<f64>) -> f64 {
     direction.z.atan2(direction.x.hypot(direction.y))
+}
+
+/// An angle in [-pi, pi), radians.
+pub fn wrapped(angle: f64) -> f64 {
+    (angle + PI).rem_euclid(TAU) - PI
 }
 
 /// Returns the unit vector of an azimuth and an elevation.
