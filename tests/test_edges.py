@@ -112,7 +112,7 @@ def test_an_edge_is_as_strong_in_the_shade_beside_the_light(street: Path) -> Non
     image = np.full((height, width, 3), 200, np.uint8)
     image[:, width // 2 + 20 :] = 150
     image[height // 2 :] //= 4
-    strength, is_inside = gradients(camera, image, np.ones((height, width), bool), 1.0, EDGES)
+    strength, is_inside = gradients(camera, image, np.ones((height, width), bool), 1.0)
     light, shade = (strength[height // 2 + side, is_inside[height // 2]].max() for side in (-30, 30))
     assert light > 0.0
     assert shade == pytest.approx(light, rel=0.15)

@@ -138,7 +138,7 @@ def test_a_spin_without_a_motion_is_noted() -> None:
     note = "lidar.spin deskews no sweep, because the drive gives neither motion.poses nor motion.twist"
     for motion, notes in ((None, (note,)), ({"speed_m_s": 8.0}, (note,)), ({"speed_m_s": 0.0}, ())):
         drive = array_drive(points, lidar={"spin": KITTI}, motion=motion)
-        assert LoadedDrive(drive, load_points(drive)).notes == notes
+        assert LoadedDrive(drive, load_points(drive)).notes_on_spin == notes
 
 
 def room(index: int) -> np.ndarray:

@@ -126,6 +126,7 @@ def read_object(request: Request) -> Recording:
         name = pick("sequence", request.sequence, list(frames), folder)
         group = next(names for names in groups.values() if name in names)
     recording = _recording(files[group[0]], camera, [frames[name] for name in group], SPINNING)
+    recording = triggered(recording, MOMENT_SIGMA_S)
     others = [f"{names[0]} ({len(names):,})" for names in groups.values() if names is not group]
     if not others:
         return recording

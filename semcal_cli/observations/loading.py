@@ -106,11 +106,6 @@ class LoadedDrive:
             notes.append(f"{self.num_copies} of {count} frames are copies of others and are left out")
         frames = self.first_cue.frame_observations
         motion = self.drive.motion
-        is_spinning = self.drive.lidar is not None and self.drive.lidar.spin is not None
-        if is_spinning and (motion is None or motion.speed_m_s):
-            notes.append(
-                "lidar.spin deskews no sweep, because the drive gives neither motion.poses nor motion.twist"
-            )
         is_stated = motion is not None and motion.point_times == "deskewed"
         if not is_stated and (num_rigid := sum(observed.is_rigid for observed in frames)):
             notes.append(
@@ -118,6 +113,14 @@ class LoadedDrive:
                 "deskewed to points_stamp, motion.point_times: deskewed says so"
             )
         return tuple(notes)
+
+    @property
+    def notes_on_spin(self) -> tuple[str, ...]:
+        """A note that the spin of the LiDAR is not used, if it is stated and the drive gives no direction of motion."""
+        lidar, motion = self.drive.lidar, self.drive.motion
+        if lidar is None or lidar.spin is None or (motion is not None and not motion.speed_m_s):
+            return ()
+        return ("lidar.spin deskews no sweep, because the drive gives neither motion.poses nor motion.twist",)
 
     @property
     def notes_on_networks(self) -> tuple[str, ...]:

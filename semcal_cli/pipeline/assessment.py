@@ -109,7 +109,7 @@ class ErrorBudget:
     clock: Matrix | None
     """By a clock that is not checked."""
     motion: Matrix | None
-    """By errors of the motion."""
+    """By errors of the motion, or of the speed that stands for it."""
     left_open: Matrix | None
     """By intrinsics and the clock that a joint estimate leaves as they are."""
 
@@ -179,7 +179,7 @@ class _AssessedPose:
         return ErrorBudget(
             intrinsics=None if twist is None else np.asarray(twist @ twist.T),
             clock=None if clock is None or self.is_clock_estimated else clock.covariance(self.label_gain),
-            motion=self._covariance_of_motion(),
+            motion=sum_of(self._covariance_of_motion(), self._covariance_of_speed()),
             left_open=None if joint is None else joint.left_open,
         )
 
@@ -201,6 +201,12 @@ class _AssessedPose:
         if joint is not None and joint.is_kept and joint.clock is not None:
             later_s = joint.clock.time_offset_s - self.data.drive.time_offset_s
         return covariance_of_motion(self.data, self.stages.T_camera_lidar, self.label_gain, later_s)
+
+    def _covariance_of_speed(self) -> Matrix | None:
+        of_speed = None if self.stages.deskewed is None else self.stages.deskewed.covariance
+        if of_speed is None or self.label_gain is None:
+            return of_speed
+        return np.asarray(self.label_gain @ of_speed @ self.label_gain.T)
 
 
 def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -> Assessment:
@@ -297,7 +303,8 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     measured = [*check.measured, *check_pairs(observations, T, pose.stages.last.agreement, names)]
     measured += check_recording(data, pose.clock, with_clock=not pose.is_clock_estimated)
     num_scenes = len(set(observations.scenes))
-    notes = [*data.notes]
+    deskewed = pose.stages.deskewed
+    notes = [*data.notes, *(data.notes_on_spin if deskewed is None else (deskewed.note,))]
     if num_scenes < observations.num_frames:
         same = "the others show the same scenes"
         if num_scenes == 1:

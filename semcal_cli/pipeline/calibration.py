@@ -28,6 +28,7 @@ from semcal_cli.config import (
 from semcal_cli.drive.camera import check_intrinsics
 from semcal_cli.errors import CalibrationError, InputError, counted, name_in_errors
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
+from semcal_cli.estimation.adjust.deskewed import deskew
 from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
 from semcal_cli.estimation.refine.estimators import make_estimator
@@ -41,10 +42,11 @@ from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.estimation.uncertainty.motion_error import covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.skew import Skew
 from semcal_cli.pipeline.assessment import assess as assess, compare_motion
 from semcal_cli.pipeline.conclusion import make_calibration
 from semcal_cli.pipeline.cross_validation import estimate_folds, split_scenes
@@ -210,20 +212,38 @@ def refine_and_polish(
         of_search=of_search,
     )
     stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
-    return _finish(unrolled, stages, config, priors, on_event)
+    if not _is_polished(data.observations, config):
+        return stages
+    deskewed, stages = deskew_sweeps(unrolled, stages, on_event)
+    return _finish(deskewed, stages, config, priors, on_event)
+
+
+def deskew_sweeps(
+    data: LoadedDrive, stages: Stages, on_event: Listener = ignore
+) -> tuple[LoadedDrive, Stages]:
+    """Deskew sweeps by the speed that they show at the last pose, if the LiDAR turns and the drive gives no motion."""
+    T, drive = stages.T_camera_lidar, data.drive
+    if (skew := Skew.of(drive, T)) is None:
+        return data, stages
+    states_moment = "time_offset_sigma_s" in drive.model_fields_set
+    moment_sigma_s = drive.time_offset_sigma_s if states_moment else 0.0
+    stage = partial(deskew, data.observations, skew, T, moment_sigma_s)
+    deskewed = announced("deskewed", "estimating the speed", stage, on_event, T)
+    return replace(data, observations=deskewed.observations), replace(stages, deskewed=deskewed)
 
 
 def _finish(
     data: LoadedDrive, stages: Stages, config: RefinementConfig, priors: Sequence[Prior], on_event: Listener
 ) -> Stages:
-    """Polish a refined pose, then estimate intrinsics and the clock with it, or fuse it with priors, if requested."""
-    if not _is_polished(data.observations, config):
-        return stages
+    """Polish a pose, then estimate intrinsics and the clock with it, or fuse it with priors, if requested."""
     polished = polish(data, stages.T_camera_lidar, config, on_event)
     stages, T_polished = replace(stages, polished=polished), polished.T_camera_lidar
     if not config.jointly.is_empty:
         return replace(stages, joint=estimate_jointly(data, T_polished, config, on_event))
-    return replace(stages, fused=fuse(data, T_polished, config, priors, on_event)) if priors else stages
+    if not priors:
+        return stages
+    of_speed = None if stages.deskewed is None else stages.deskewed.covariance
+    return replace(stages, fused=fuse(data, T_polished, config, priors, on_event, of_speed=of_speed))
 
 
 def _is_polished(observations: Observations, config: RefinementConfig) -> bool:
@@ -347,8 +367,10 @@ def fuse(
     config: RefinementConfig,
     priors: Sequence[Prior],
     on_event: Listener = ignore,
+    *,
+    of_speed: Matrix | None = None,
 ) -> Fused:
-    """Fuse the estimate from the data with priors."""
+    """Fuse the estimate from the data, with its covariance (6, 6) by errors of a speed that they show, with priors."""
     clock = ClockUncertainty.of(data, T_polished, config.polish)
     of_clock = None if clock is None else clock.covariance()
     stage = partial(
@@ -356,7 +378,7 @@ def fuse(
         data.observations,
         T_polished,
         priors,
-        of_motion=sum_of(of_clock, covariance_of_motion(data, T_polished)),
+        of_motion=sum_of(of_clock, covariance_of_motion(data, T_polished), of_speed),
     )
     return announced("fused", "combining with priors", stage, on_event, T_polished)
 

@@ -13,7 +13,7 @@ from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.provenance import describe_input, versions
-from semcal_cli.result.sections import Hypothesis, Settings
+from semcal_cli.result.sections import Hypothesis
 
 
 def make_calibration(
@@ -64,10 +64,11 @@ def make_calibration(
         camera=None if joint is None else joint.camera,
         checked_intrinsics=None if assessment is None else assessment.checked_intrinsics,
         clock=None if joint is None else joint.clock,
+        speed=stages.measured_speed,
         polish=None if stages.polished is None else stages.polished.held_out,
         hypotheses=() if stages.searched is None else tuple(map(_hypothesis, stages.searched.hypotheses)),
         input=describe_input(data.drive, files_of(data.cues)),
-        settings=Settings.model_validate(settings),
+        settings=settings,
     )
     if calibration.uncertainty is None:
         return calibration

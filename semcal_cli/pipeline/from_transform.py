@@ -12,7 +12,7 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.events import Listener, ignore
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.assessment import assess
-from semcal_cli.pipeline.calibration import polish, refine_and_polish, start_at
+from semcal_cli.pipeline.calibration import deskew_sweeps, polish, refine_and_polish, start_at
 from semcal_cli.pipeline.conclusion import make_calibration
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import CalibrationDocument
@@ -58,11 +58,9 @@ def assess_given(
         raise InputError(f"{data.drive.path}: found features, which have no histogram; choose another cue")
     initial, refinement, T = start_at(data, start, on_event), config.refinement, start.T_camera_lidar
     unrolled = data.unrolled(T)
-    initial_stages = Stages.from_refined(data, initial, None, is_compensated=True)
-    stages = replace(
-        initial_stages,
-        polished=polish(unrolled, T, refinement, on_event),
-        unrolled=None if unrolled is data else unrolled.observations,
-    )
+    stages = Stages.from_refined(data, initial, None, is_compensated=True)
+    stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
+    deskewed, stages = deskew_sweeps(unrolled, stages, on_event)
+    stages = replace(stages, polished=polish(deskewed, stages.T_camera_lidar, refinement, on_event))
     stages = assess(data, stages, refinement, on_event)
     return make_calibration(data, stages, config, initial_pose=start)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.checks.families import check_data, check_pose, check_stages
+from semcal_cli.estimation.adjust.deskewed import Deskewed
 from semcal_cli.estimation.adjust.joint import Joint
 from semcal_cli.estimation.adjust.priors import Fused
 from semcal_cli.estimation.refine.polish import Polish
@@ -20,7 +21,14 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.refined_camera import CheckedIntrinsics
-from semcal_cli.result.sections import CrossValidation, DrivePart, Quality, Repeatability, Stage
+from semcal_cli.result.sections import (
+    CrossValidation,
+    DrivePart,
+    MeasuredSpeed,
+    Quality,
+    Repeatability,
+    Stage,
+)
 from semcal_cli.result.uncertainty import Uncertainty
 
 
@@ -56,6 +64,8 @@ class Stages:
 
     initial: StageResult
     refined: Refinement | None = None
+    deskewed: Deskewed | None = None
+    """Pose with sweeps deskewed by the speed that they show; None where there is nothing to deskew."""
     polished: Polish | None = None
     joint: Joint | None = None
     """Joint estimate of the pose with intrinsics or the time offset."""
@@ -116,6 +126,7 @@ class Stages:
         stages = {
             "initial": self.initial,
             "refined": self.refined,
+            "deskewed": self.deskewed if self.is_deskewed else None,
             "polished": self.polished,
             "joint": self.joint if self.is_joint else None,
             "fused": self.fused,
@@ -169,6 +180,21 @@ class Stages:
         return self.joint is not None and self.joint.is_kept
 
     @property
+    def is_deskewed(self) -> bool:
+        """Whether sweeps were deskewed by the speed that they show."""
+        return self.measured_speed is not None and self.measured_speed.is_used
+
+    @property
+    def measured_speed(self) -> MeasuredSpeed | None:
+        """What a result says of the speed that the sweeps show; None if they show none."""
+        speed = None if self.deskewed is None else self.deskewed.speed
+        if speed is None:
+            return None
+        return MeasuredSpeed(
+            along_view_m_s=speed.along_view_m_s, sigma_m_s=speed.sigma_m_s, is_used=speed.is_moving
+        )
+
+    @property
     def is_rejected(self) -> bool:
         """Whether the last pose is the refined one, since the polish was rejected and nothing else took its place."""
         was_rejected = self.polished is not None and not self.polished.is_accepted
@@ -190,7 +216,9 @@ class Stages:
     @property
     def seen(self) -> Observations | None:
         """Observations as seen by the camera of the last pose; None if they are those of the drive."""
-        return self.joint.observations if self.joint is not None and self.joint.is_kept else self.unrolled
+        if self.joint is not None and self.joint.is_kept:
+            return self.joint.observations
+        return self.unrolled if self.deskewed is None else self.deskewed.observations
 
     @property
     def notes(self) -> tuple[str, ...]:

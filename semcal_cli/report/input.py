@@ -21,6 +21,7 @@ from semcal_cli.observations.cues.cue_table import choose_cues, choose_frames, l
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.skew import Skew
 from semcal_cli.report.colors import first_coloring
 from semcal_cli.report.overlays import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, cues_applied, seen_as
@@ -146,6 +147,9 @@ def make_report_input(
     cues = cues_applied(record, AUTO, drive, with_features=True)
     cues = policy_of(choose_cues(cues, drive, sweeps)).refined[:1]
     used_drive = used_drive or choose_frames(drive, cues, MAX_FRAMES)
+    observations = _with_settings(load_cues(used_drive, cues, sweeps), record)
+    if is_of_record and record is not None:
+        observations = _deskewed(observations, used_drive, record)
     return ReportInput(
         name=name,
         T_camera_lidar=T_camera_lidar,
@@ -153,7 +157,7 @@ def make_report_input(
         before=before,
         drive=used_drive,
         changes=changes,
-        observations=unrolled(_with_settings(load_cues(used_drive, cues, sweeps), record), T_camera_lidar),
+        observations=unrolled(observations, T_camera_lidar),
         is_of_record=is_of_record,
         notices=tuple(notices),
     )
@@ -169,6 +173,14 @@ def _with_settings(observations: Observations, record: CalibrationDocument | Non
         check_settings(RefinementConfig(**known))
         return replace(observations, **known)
     return observations
+
+
+def _deskewed(observations: Observations, drive: Drive, record: CalibrationDocument) -> Observations:
+    """Deskew sweeps as a calibration from them did."""
+    skew = Skew.of(drive, record.T_camera_lidar)
+    if skew is None or record.speed is None or not record.speed.is_used:
+        return observations
+    return skew.removed(observations, record.speed.along_view_m_s)
 
 
 def _find_frames(drive: Drive, record: CalibrationDocument) -> tuple[Drive | None, list[str]]:

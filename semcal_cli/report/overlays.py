@@ -18,7 +18,7 @@ from semcal_cli.errors import InputError, counted
 from semcal_cli.files.image_files import write_image
 from semcal_cli.files.output_files import make_folder
 from semcal_cli.geometry.arrays import Colors, Image, Pose
-from semcal_cli.observations.cues.edges import EDGES, gradients
+from semcal_cli.observations.cues.edges import gradients
 from semcal_cli.observations.cues.segments import SegmentationConfig
 from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.masks import seen_pixels
@@ -99,7 +99,7 @@ def edge_image(drive: Drive, frame: Frame) -> Image:
     """
     image = read_needed_image(drive, frame)
     (mask,) = seen_pixels(drive, [frame])
-    strength, is_inside = gradients(drive.camera, image, mask, BLUR_PX, EDGES)
+    strength, is_inside = gradients(drive.camera, image, mask, BLUR_PX)
     full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     grey_with_edges = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)

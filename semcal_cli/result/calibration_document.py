@@ -32,6 +32,7 @@ from semcal_cli.result.sections import (
     HeldOut,
     Hypothesis,
     Input,
+    MeasuredSpeed,
     Quality,
     Repeatability,
     Settings,
@@ -90,6 +91,9 @@ class CalibrationDocument(StrictModel):
     """What the frames say of the intrinsics; null if the frames determine none, or the pose was not assessed."""
     clock: Clock | None = None
     """Time offset of the camera; null if it was not estimated."""
+    speed: MeasuredSpeed | None = None
+    """Speed of the rig that the sweeps show; null if the drive gives the motion, or the sweeps show none. Absent in
+    older files."""
     repeatability: Repeatability | None = None
     """Results with other seeds; null if there was only one seed."""
     cross_validation: CrossValidation | None = None

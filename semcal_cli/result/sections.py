@@ -185,6 +185,17 @@ class Hypothesis(StrictModel):
         return np.array(self.T_camera_lidar)
 
 
+class MeasuredSpeed(StrictModel):
+    """Speed of the rig that skewed sweeps show, where the drive gives no motion."""
+
+    along_view_m_s: Figure
+    """Mean speed along the view of the camera, in metres per second; negative backwards."""
+    sigma_m_s: Width
+    """Standard error of the speed."""
+    is_used: bool
+    """Whether sweeps were deskewed by it. If not, the rig was not seen to move."""
+
+
 class Repeatability(StrictModel):
     """Results with other seeds on the same data, which show the influence of chance."""
 

@@ -13,6 +13,7 @@ scenes of each set, scaled to 14 scenes. A pull is a difference in standard erro
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,6 +32,7 @@ from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.skew import Skew
 from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.cross_validation import estimate_folds
 
@@ -59,12 +61,14 @@ class ClosedSet(NamedTuple):
 
 
 def calibrated(real: RealDrive, cue: str, seed: int) -> ClosedSet:
-    """Calibrate a set from near its published pose."""
+    """Calibrate a set from near its published pose, and deskew it as the calibration did."""
     config = CalibrationConfig(cues=tuple(CUE_NAMES.convert(cue, None, None)), seed=seed)
     T = read_transform(real.path)
     start = InitialPose(displace(T, START_DEG, START_M, np.random.default_rng(seed)), "start")
     data = load(read_drive(real.path), config)
     found = calibrate(data, config, initial_pose=start)
+    if found.speed is not None and found.speed.is_used and (skew := Skew.of(data.drive, found.pose)):
+        data = replace(data, observations=skew.removed(data.observations, found.speed.along_view_m_s))
     sigmas = np.full(6, np.inf)
     if (stated := found.uncertainty) is not None:
         of_K = stated.covariance_of_intrinsics or np.zeros((6, 6))

@@ -19,11 +19,21 @@ import yaml
 from semcal_cli.files.image_files import read_image
 from semcal_cli.formats.kitti_files import raw_pose, read_keyed
 from semcal_cli.importing import kitti
+from semcal_cli.importing.kitti_motion import MOMENT_360_SIGMA_S, MOMENT_S, MOMENT_SIGMA_S, SPIN
 
 CITYSCAPES = [
     *("road", "sidewalk", "building", "wall", "fence", "pole", "light", "sign", "vegetation", "terrain"),
     *("sky", "person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle"),
 ]
+
+TRIGGERED = {"synchronization": "hardware"}
+KITTI = TRIGGERED | {
+    "lidar": {"spin": SPIN},
+    "time_offset_s": MOMENT_S,
+    "time_offset_sigma_s": MOMENT_SIGMA_S,
+}
+"""What `import` states of KITTI: the LiDAR turns and triggers the cameras."""
+KITTI_360 = KITTI | {"time_offset_sigma_s": MOMENT_360_SIGMA_S}
 
 
 class RealDrive(NamedTuple):
@@ -84,7 +94,7 @@ def _kitti_object(source: Path, folder: Path) -> Iterator[RealDrive]:
             _frame(source / f"velodyne/{path.stem}.bin", path, source / labels / path.name) for path in same
         ]
         network = "" if labels == "image_labels" else ", labels by DiCENet"
-        yield _write(folder, f"KITTI object, {len(frames)} pairs{network}", camera, frames, T, "hardware")
+        yield _write(folder, f"KITTI object, {len(frames)} pairs{network}", camera, frames, T, **KITTI)
 
 
 def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -101,7 +111,7 @@ def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
     height, width = read_image(Path(frames[0]["image"])).shape[:2]
     lens, T = kitti.pinhole(projection, width, height), raw_pose(velo, cameras, images.name)
     name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
-    yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T, "hardware")
+    yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T, **KITTI)
 
 
 def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -126,7 +136,7 @@ def _nuscenes(source: Path, folder: Path) -> Iterator[RealDrive]:
             frame, lens = _frame(points, source / camera["img"], labels), _lens(camera["K"], (1600, 900))
             place = name[4:].lower().replace("_", " ")
             yield _write(
-                folder, f"nuScenes {place}", lens, [frame], np.array(camera["lidar2cam"]), "hardware"
+                folder, f"nuScenes {place}", lens, [frame], np.array(camera["lidar2cam"]), **TRIGGERED
             )
 
 
@@ -135,7 +145,7 @@ def _ddad(source: Path, folder: Path) -> Iterator[RealDrive]:
     for name, camera in json.loads((source / "calib.json").read_text()).items():
         frames = [_frame(cloud, source / name / f"{cloud.stem}.jpg") for cloud in clouds]
         lens, T = _lens(camera["K"], camera["size"]), np.array(camera["T_cam_lidar"])
-        yield _write(folder, f"DDAD {name[7:]}, {len(frames)} pairs", lens, frames, T, "hardware")
+        yield _write(folder, f"DDAD {name[7:]}, {len(frames)} pairs", lens, frames, T, **KITTI)
 
 
 def _sustech(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -151,7 +161,7 @@ def _rellis3d(source: Path, _: Path) -> Iterator[RealDrive]:
     yield RealDrive("RELLIS-3D 000104", source, ("image", "image_labels", "point_labels"), published)
 
 
-def _listed(name: str, source: Path, folder: Path, synchronization: str = "unknown") -> Iterator[RealDrive]:
+def _listed(name: str, source: Path, folder: Path, **others: object) -> Iterator[RealDrive]:
     """A set whose calib.json lists cameras, with their lenses and poses, and frames."""
     document = json.loads((source / "calib.json").read_text())
     for camera, lens in document["cameras"].items():
@@ -166,7 +176,7 @@ def _listed(name: str, source: Path, folder: Path, synchronization: str = "unkno
             {"model": "plumb_bob" if is_pinhole else lens["model"]} | block,
             frames,
             np.array(lens["T_camera_lidar"]),
-            synchronization,
+            **others,
         )
 
 
@@ -179,7 +189,7 @@ READERS: dict[str, Callable[[Path, Path], Iterator[RealDrive]]] = {
     "ddad_scene": _ddad,
     "sustech_front": _sustech,
     "rellis3d_000104": _rellis3d,
-    "kitti360_street": partial(_listed, "KITTI-360 street", synchronization="hardware"),
+    "kitti360_street": partial(_listed, "KITTI-360 street", **KITTI_360),
     "acfr_vlp16": partial(_listed, "ACFR VLP-16"),
     "tamu_basler_os1": partial(_listed, "TAMU OS1"),
     "mlcc_livox_mid100": partial(_listed, "Livox MID-100"),
@@ -202,8 +212,9 @@ def _write(
     lens: object,
     frames: Sequence[dict[str, str]],
     T: np.ndarray,
-    synchronization: str = "unknown",
+    **others: object,
 ) -> RealDrive:
+    """Write a drive with other keys of its drive.yaml, such as `KITTI`."""
     path = folder / name.replace(",", "").replace(" ", "_")
     path.mkdir()
     has_labels = all("image_labels" in frame for frame in frames)
@@ -211,8 +222,8 @@ def _write(
         "semcal_drive": 1,
         "camera": lens,
         "frames": list(frames),
-        "synchronization": synchronization,
         "T_camera_lidar": T.tolist(),
+        **others,
     }
     if has_labels:
         document["classes"] = {"image": {name: [index] for index, name in enumerate(CITYSCAPES)}}

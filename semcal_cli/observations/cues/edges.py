@@ -202,7 +202,7 @@ def _levels(camera: Camera, image: Image, mask: Mask, blur_px: float, config: Ed
 
 
 def gradients(
-    camera: Camera, image: Image, mask: Mask, blur_px: float, config: EdgesConfig
+    camera: Camera, image: Image, mask: Mask, blur_px: float, config: EdgesConfig = EDGES
 ) -> tuple[Values, Mask]:
     """Compute the left-to-right gradients of an image, relative to their mean in the surroundings.
 
