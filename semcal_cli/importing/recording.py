@@ -35,9 +35,11 @@ class Request:
     camera: str | None = None
     """Name of the camera; None for the data set's default."""
     version: str | None = None
-    """Folder of nuScenes' tables, or release of CARLA."""
+    """Folder of nuScenes' tables, release of CARLA, or what the data set of a plugin declares to read."""
     rectified: bool | None = None
     """Whether KITTI-360's images are the rectified ones or the raw ones; None for the camera's default."""
+    lidar: str | None = None
+    """Name of the LiDAR, in data sets of plugins that declare to read it; None for the data set's default."""
 
     def __post_init__(self) -> None:
         """Check that the folder exists.
