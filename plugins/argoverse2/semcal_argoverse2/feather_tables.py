@@ -54,6 +54,8 @@ def _read(path: Path, names: tuple[str, ...]) -> pa.Table:
 def _numbers(path: Path, table: pa.Table, name: str) -> npt.NDArray[Any]:
     column = table.column(name)
     is_number = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-    if not is_number or column.null_count or not np.isfinite(numbers := column.to_numpy()).all():
-        raise InputError(f"{path}: {name}: found anything else than finite numbers, expected them")
-    return numbers
+    if is_number and not column.null_count:
+        numbers: npt.NDArray[Any] = column.to_numpy()
+        if np.isfinite(numbers).all():
+            return numbers
+    raise InputError(f"{path}: {name}: found anything else than finite numbers, expected them")
