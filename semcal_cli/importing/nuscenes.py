@@ -81,7 +81,7 @@ class Tables:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ViewedScene:
     """A scene as one LiDAR and one camera see it."""
 
     tables: Tables
@@ -155,7 +155,7 @@ def text(row: Node, key: str) -> str:
     return row.at(key).text()
 
 
-def find_scene(request: Request, lidar: str, camera: str) -> Scene:
+def find_scene(request: Request, lidar: str, camera: str) -> ViewedScene:
     """Choose the tables, the scene, the LiDAR and the camera.
 
     Args:
@@ -197,10 +197,10 @@ def find_scene(request: Request, lidar: str, camera: str) -> Scene:
     if not both:
         raise InputError(f"{tables.path('sample_data')}: found no keyframe of both {lidar} and {camera}")
     keyframes = sorted(both, key=lambda pair: stamp_s(pair[0]))
-    return Scene(tables, lidar, camera, sensors, [*rows[lidar], *rows[camera]], keyframes)
+    return ViewedScene(tables, lidar, camera, sensors, [*rows[lidar], *rows[camera]], keyframes)
 
 
-def _frames(scene: Scene, labels: dict[str, Node]) -> list[SourceFrame]:
+def _frames(scene: ViewedScene, labels: dict[str, Node]) -> list[SourceFrame]:
     tables, keyframes = scene.tables, scene.keyframes
     T_world_sensor = _sensor_poses(scene)
     T_world_lidar = [T_world_sensor[text(sweep, "token")] for sweep, _ in keyframes]
@@ -228,7 +228,7 @@ def _frames(scene: Scene, labels: dict[str, Node]) -> list[SourceFrame]:
     return frames
 
 
-def _sensor_poses(scene: Scene) -> dict[str, Pose]:
+def _sensor_poses(scene: ViewedScene) -> dict[str, Pose]:
     """Compute T_world_sensor (4, 4) at the time of each file of a keyframe, by the token of its row."""
     rows = [row for pair in scene.keyframes for row in pair]
     T_world_ego = {token: read_pose(row) for token, row in scene.ego_poses(rows).items()}

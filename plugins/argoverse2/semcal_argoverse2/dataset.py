@@ -8,7 +8,7 @@ T_camera_lidar = inv(T_ego_camera) T_ego_lidar. Images are undistorted: k1 k2 k3
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,14 @@ import numpy as np
 
 from semcal_argoverse2.feather_tables import read_columns, read_sensors
 from semcal_cli.drive.frame_ids import FrameIds
-from semcal_cli.errors import InputError, counted
+from semcal_cli.errors import InputError
 from semcal_cli.formats.node import MAX_WORLD_M, camera_block, image_side, pick, rigid, stamp_s
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, pose_from_quaternion
 from semcal_cli.importing import reads
-from semcal_cli.importing.dataset_tree import folders, numbered_files, speeds_mps
-from semcal_cli.importing.recording import Cloud, Conversion, Recording, Request, SourceFrame
-from semcal_cli.importing.sweep_odometry import NS, SIGMA, are_covered
+from semcal_cli.importing.dataset_tree import folders, numbered_files
+from semcal_cli.importing.recording import Cloud, Conversion, Recording, Request, SourceFrame, with_trajectory
+from semcal_cli.importing.sweep_odometry import NS
 
 SPLITS = ("train", "val", "test")
 EXTRINSICS = "calibration/egovehicle_SE3_sensor.feather"
@@ -56,37 +56,19 @@ def read(request: Request) -> Recording:
     lidar = pick("lidar", request.lidar, [*LASERS], request.root, default=DEFAULT_LIDAR)
     T_ego_lidar, T_ego_camera = _read_mountings(log / EXTRINSICS, lidar, camera)
     poses = {stamp_ns: T @ T_ego_lidar for stamp_ns, T in _read_poses(log / POSES).items()}
-    sweeps, images = _files(log, "lidar", ".feather"), _files(log, f"cameras/{camera}", ".jpg")
-    pairs = _pair([*sweeps], [*images])
-    covered = [pair for pair in pairs if are_covered([*poses], pair)]
-    if not covered:
-        raise InputError(f"{log}: found no sweep with an image of {camera} and poses around both")
     named, remarks = FrameIds.of_recording(lidar, camera)
-    if left_out := len(pairs) - len(covered):
-        remarks.append(f"left out {counted(left_out, 'frame')} without poses around them")
-    remarks.append(f"the data set deskews sweeps to their stamps; {POSES} moves them on to their images")
-    cut = partial(_cut, lasers=LASERS[lidar], T_lidar_ego=inverse(T_ego_lidar))
-    return Recording(
+    recording = Recording(
         camera=_camera(log / INTRINSICS, intrinsics[camera]),
-        frames=[
-            SourceFrame(
-                name=str(sweep_ns),
-                points=Conversion(partial(cut, sweeps[sweep_ns]), False, sweeps[sweep_ns], in_order=False),
-                image=images[image_ns],
-                points_stamp=sweep_ns / NS,
-                image_stamp=image_ns / NS,
-                speed_mps=speed_mps,
-            )
-            for (sweep_ns, image_ns), speed_mps in zip(covered, _speeds(covered, poses), strict=True)
-        ],
+        frames=_find_frames(
+            log, camera, partial(_cut, lasers=LASERS[lidar], T_lidar_ego=inverse(T_ego_lidar))
+        ),
         T_camera_lidar=inverse(T_ego_camera) @ T_ego_lidar,
         frame_ids=None if named is None else named.model_dump(exclude_none=True),
-        motion={"point_times": "deskewed", "sigma": SIGMA},
-        poses=poses,
         # Exposures are centred on the moment at which a LiDAR sweeps through the camera's view (user guide).
         synchronization="hardware",
         remarks=tuple(remarks),
     )
+    return with_trajectory(recording, poses, log / POSES, point_times="deskewed")
 
 
 def _find_logs(root: Path) -> dict[str, Path]:
@@ -138,13 +120,20 @@ def _files(log: Path, folder: str, suffix: str) -> dict[int, Path]:
     return {int(name): file for name, file in files.items()}
 
 
-def _pair(sweeps_ns: Sequence[int], images_ns: Sequence[int]) -> list[tuple[int, int]]:
-    """Pair ascending times of sweeps and of images, each of which is the nearest to the other."""
-    nearest = [(sweep_ns, _nearest(sweep_ns, images_ns)) for sweep_ns in sweeps_ns if images_ns]
+def _find_frames(log: Path, camera: str, cut: Callable[[Path], Cloud]) -> list[SourceFrame]:
+    """Pair sweeps and images that are nearest to one another in time."""
+    sweeps, images = _files(log, "lidar", ".feather"), _files(log, f"cameras/{camera}", ".jpg")
+    nearest = {sweep_ns: _nearest(sweep_ns, [*images]) for sweep_ns in sweeps if images}
     return [
-        (sweep_ns, image_ns)
-        for sweep_ns, image_ns in nearest
-        if abs(image_ns - sweep_ns) <= MAX_GAP_NS and _nearest(image_ns, sweeps_ns) == sweep_ns
+        SourceFrame(
+            name=str(sweep_ns),
+            points=Conversion(partial(cut, sweeps[sweep_ns]), False, sweeps[sweep_ns], in_order=False),
+            image=images[image_ns],
+            points_stamp=sweep_ns / NS,
+            image_stamp=image_ns / NS,
+        )
+        for sweep_ns, image_ns in nearest.items()
+        if abs(image_ns - sweep_ns) <= MAX_GAP_NS and _nearest(image_ns, [*sweeps]) == sweep_ns
     ]
 
 
@@ -152,14 +141,6 @@ def _nearest(stamp_ns: int, ascending_ns: Sequence[int]) -> int:
     """Find the one of some times that is nearest to another time."""
     index = bisect_left(ascending_ns, stamp_ns)
     return min(ascending_ns[max(index - 1, 0) : index + 1], key=lambda other_ns: abs(other_ns - stamp_ns))
-
-
-def _speeds(pairs: Sequence[tuple[int, int]], poses: Mapping[int, Pose]) -> list[float]:
-    """Compute the speed of the LiDAR at each sweep, metres per second."""
-    sweeps_ns = [sweep_ns for sweep_ns, _ in pairs]
-    positions = [poses[_nearest(sweep_ns, [*poses])][:3, 3] for sweep_ns in sweeps_ns]
-    speeds: list[float] = speeds_mps(np.array(positions), np.diff(sweeps_ns) / NS).tolist()
-    return speeds
 
 
 def _cut(path: Path, lasers: range, T_lidar_ego: Pose) -> Cloud:

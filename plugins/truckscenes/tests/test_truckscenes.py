@@ -234,7 +234,7 @@ def test_the_command_has_the_options(tmp_path: Path) -> None:
     assert read_drive(tmp_path / "drive").frame_ids.lidar == "LIDAR_TOP_FRONT"
 
 
-def test_keyframes_without_poses_are_left_out(tmp_path: Path) -> None:
+def test_frames_without_poses_are_left_out(tmp_path: Path) -> None:
     root = write_scene(tmp_path / "set", is_still=True)
     file = root / "v1.2-mini/sample_data.json"
     rows = json.loads(file.read_text())
@@ -242,9 +242,11 @@ def test_keyframes_without_poses_are_left_out(tmp_path: Path) -> None:
     file.write_text(json.dumps(early))
     recording = read(Request(root))
     assert [frame.name for frame in recording.frames] == [f"LIDAR_LEFT{KEYFRAMES[0]}"]
-    assert "left out 1 keyframe without poses before and after the sweep" in recording.remarks
+    assert "left out 1 frame without poses around them" in recording.remarks
     file.write_text(json.dumps([row for row in rows if row["is_key_frame"]]))
-    with pytest.raises(InputError, match="found no keyframe with poses before and after its sweep"):
+    with pytest.raises(
+        InputError, match="found no poses before and after the sweep and the image of any frame"
+    ):
         read(Request(root))
 
 
