@@ -231,11 +231,12 @@ def with_trajectory(
     Raises:
         InputError: there is no frame with poses before and after its sweep and its image.
     """
-    frames = [frame for frame in recording.frames if _is_covered(frame, [*poses], sweep_s)]
+    stamps_ns = [*poses]
+    frames = [frame for frame in recording.frames if _is_covered(frame, stamps_ns, sweep_s)]
     if not frames:
         raise InputError(f"{source}: found no poses before and after the sweep and the image of any frame")
     stamps_s = np.array([frame.points_stamp for frame in frames])
-    times_s, positions = np.array([*poses]) / NS, np.array([T[:3, 3] for T in poses.values()])
+    times_s, positions = np.array(stamps_ns) / NS, np.array([T[:3, 3] for T in poses.values()])
     at_sweeps = np.column_stack([np.interp(stamps_s, times_s, axis) for axis in positions.T])
     speeds = speeds_mps(at_sweeps, np.diff(stamps_s)).tolist()
     frames = [replace(frame, speed_mps=speed) for frame, speed in zip(frames, speeds, strict=True)]

@@ -88,13 +88,13 @@ def _read_mountings(path: Path, *sensors: str) -> list[Pose]:
 
 def _read_poses(path: Path) -> dict[int, Pose]:
     """Read T_city_ego (4, 4) by their times in nanoseconds, ascending, metres."""
-    stamps_ns, *columns = read_columns(path, "timestamp_ns", *POSE_COLUMNS)
+    columns = read_columns(path, "timestamp_ns", *POSE_COLUMNS)
     poses: dict[int, Pose] = {}
-    last_ns = None
-    for stamp_ns, *values in sorted(zip(stamps_ns.tolist(), *map(np.ndarray.tolist, columns), strict=True)):
-        if last_ns is None or stamp_ns - last_ns >= MIN_STEP_NS:
-            poses[stamp_ns] = rigid(f"{path}: timestamp_ns {stamp_ns}", _pose(path, values), MAX_WORLD_M)
-            last_ns = stamp_ns
+    next_ns = 0
+    for stamp_ns, *values in sorted(zip(*(column.tolist() for column in columns), strict=True)):
+        if stamp_ns >= next_ns:
+            poses[int(stamp_ns)] = rigid(f"{path}: timestamp_ns {stamp_ns}", _pose(path, values), MAX_WORLD_M)
+            next_ns = stamp_ns + MIN_STEP_NS
     return poses
 
 
@@ -124,6 +124,13 @@ def _find_frames(log: Path, camera: str, cut: Callable[[Path], Cloud]) -> list[S
     """Pair sweeps and images that are nearest to one another in time."""
     sweeps, images = _files(log, "lidar", ".feather"), _files(log, f"cameras/{camera}", ".jpg")
     nearest = {sweep_ns: _nearest(sweep_ns, [*images]) for sweep_ns in sweeps if images}
+    pairs = [
+        (sweep_ns, image_ns)
+        for sweep_ns, image_ns in nearest.items()
+        if abs(image_ns - sweep_ns) <= MAX_GAP_NS and _nearest(image_ns, [*sweeps]) == sweep_ns
+    ]
+    if not pairs:
+        raise InputError(f"{log}: found no sweep with an image of {camera} within {MAX_GAP_NS / NS} s")
     return [
         SourceFrame(
             name=str(sweep_ns),
@@ -132,8 +139,7 @@ def _find_frames(log: Path, camera: str, cut: Callable[[Path], Cloud]) -> list[S
             points_stamp=sweep_ns / NS,
             image_stamp=image_ns / NS,
         )
-        for sweep_ns, image_ns in nearest.items()
-        if abs(image_ns - sweep_ns) <= MAX_GAP_NS and _nearest(image_ns, [*sweeps]) == sweep_ns
+        for sweep_ns, image_ns in pairs
     ]
 
 

@@ -193,6 +193,16 @@ def test_frames_without_poses_are_left_out(root: Path, tmp_path: Path) -> None:
     assert "left out 2 frames without poses around them" in recording.remarks
 
 
+def test_sweeps_without_an_image_are_said_to_be(root: Path) -> None:
+    folder = root / "train" / LOG / "sensors/cameras/ring_front_center"
+    for image in folder.iterdir():
+        image.rename(folder / f"{int(image.stem) + 10**10}.jpg")
+    with pytest.raises(
+        InputError, match=f"{LOG}: found no sweep with an image of ring_front_center within 0.05 s"
+    ):
+        read(Request(root))
+
+
 def change(file: Path, name: str, values: list[object]) -> None:
     table = feather.read_table(file)
     index = table.column_names.index(name)

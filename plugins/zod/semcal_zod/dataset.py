@@ -121,6 +121,8 @@ def _find_frames(folder: Path, camera: str) -> list[SourceFrame]:
     )
     if not (sweeps and images and by_time(sweeps, images)):
         raise InputError(f"{folder}: expected sweeps and images of {camera}, all with a time in their names")
+    if not (paired := pairs(sweeps, images, MAX_GAP_S)):
+        raise InputError(f"{folder}: found no sweep with an image of {camera} within {MAX_GAP_S} s")
     stamps = stamps_s([*sweeps, *images])
     return [
         SourceFrame(
@@ -130,5 +132,5 @@ def _find_frames(folder: Path, camera: str) -> list[SourceFrame]:
             points_stamp=stamps[sweep],
             image_stamp=stamps[image],
         )
-        for sweep, image in pairs(sweeps, images, MAX_GAP_S).items()
+        for sweep, image in paired.items()
     ]

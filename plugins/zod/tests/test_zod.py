@@ -219,8 +219,14 @@ def test_unknown_names_are_named(root: Path, asked: str) -> None:
         read(Request(root, **{asked: "roof"}))
 
 
-def test_images_without_a_time_are_refused(root: Path) -> None:
+def test_images_of_another_time_or_none_are_refused(root: Path) -> None:
     folder = root / "sequences/000002/camera_front_blur"
+    for image in folder.iterdir():
+        image.rename(folder / image.name.replace("2022", "2023"))
+    with pytest.raises(
+        InputError, match=r"000002: found no sweep with an image of front_blur within 0\.05 s"
+    ):
+        read(Request(root))
     (folder / "1.jpg").write_bytes(b"")
     with pytest.raises(
         InputError, match="expected sweeps and images of front_blur, all with a time in their names"
