@@ -31,8 +31,6 @@ LIDAR_CHANNEL = "LIDAR_TOP"
 DEFAULT_CAMERA = "CAM_FRONT"
 LIDAR = {"channels": 32, "columns": 1084, "fov_up_deg": 10.67, "fov_down_deg": -30.67}
 """Scan pattern of the Velodyne HDL-32E at 20 turns per second."""
-KINDS = ("LIDAR", "CAM")
-"""Beginnings of the channels of LiDARs and of cameras."""
 MICROSECONDS = 1e-6
 
 
@@ -181,9 +179,12 @@ def find_scene(request: Request, lidar: str, camera: str) -> ViewedScene:
     samples = {token for token, row in tables.rows("sample") if text(row, "scene_token") == scene}
     names = {token: text(row, "channel") for token, row in tables.rows("sensor")}
     channels = {token: names.get(text(row, "sensor_token"), "") for token, row in sensors.items()}
-    of_kind = {kind: sorted({name for name in channels.values() if name.startswith(kind)}) for kind in KINDS}
-    lidar = pick("lidar", request.lidar, of_kind["LIDAR"], request.root, default=lidar)
-    camera = pick("camera", request.camera, of_kind["CAM"], request.root, default=camera)
+    lidars, cameras = (
+        sorted({name for name in channels.values() if name.startswith(kind)}) for kind in ("LIDAR_", "CAM")
+    )
+    if request.lidar is not None:
+        lidar = pick("lidar", request.lidar, lidars, request.root)
+    camera = pick("camera", request.camera, cameras, request.root, default=camera)
     rows: dict[str, list[Node]] = {lidar: [], camera: []}
     for _, row in tables.rows("sample_data"):
         channel = channels.get(text(row, "calibrated_sensor_token"), "")
