@@ -58,4 +58,4 @@ def _numbers(path: Path, table: pa.Table, name: str) -> npt.NDArray[Any]:
         numbers: npt.NDArray[Any] = column.to_numpy()
         if np.isfinite(numbers).all():
             return numbers
-    raise InputError(f"{path}: {name}: found anything else than finite numbers, expected them")
+    raise InputError(f"{path}: {name}: found values that are not finite numbers, expected only those")
