@@ -12,11 +12,14 @@ from textwrap import dedent
 import numpy as np
 import pytest
 from camera_infos import ROS
+from commands import invoke
+from dataset_imports import run_import
 from dataset_trees import write, write_cloud, write_ids
 from documentation import ROOT, blocks
 from format_files import T_ANY
 
 import semcal_cli
+from semcal_cli import importing
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
@@ -57,7 +60,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_page_shows_the_files_of_the_example() -> None:
     page = ROOT / "docs/plugins.md"
-    shown = [*blocks(page, "toml"), *blocks(page, "python")]
+    shown = [*blocks(page, "toml"), *blocks(page, "python")[:3]]
     files = ["pyproject.toml", *(f"my_robot/{name}.py" for name in ("format", "cue", "dataset"))]
     assert shown == [(EXAMPLE / name).read_text() for name in files]
 
@@ -265,6 +268,16 @@ PLAINLESS = replace(FLAT, starts_alone=replace(SEVERAL, contrast=OF_LABELS))
 
 ONLY_READ = Format("x", "", lambda source: False, lambda source, options: None)
 WORDS = replace(ONLY_READ, make=lambda T, options: "words")
+
+from semcal_cli.importing import reads
+@reads("lidar", "version")
+def several(request):
+    '''Several robots.
+
+    Raises:
+        ValueError: always.
+    '''
+    raise ValueError(f"{request.lidar} of {request.version}")
 """
 """A module of a plugin, all of whose functions are wrong."""
 
@@ -275,7 +288,7 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "wrong_robot.py", CODE)
     write(tmp_path / "w-2.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: w\nVersion: 2.0\n")
     groups = {
-        "datasets": "failing leaving nothing no_frames array text conversion no_cloud remark late",
+        "datasets": "failing leaving nothing no_frames array text conversion no_cloud remark late several",
         "cues": "FEWER WIDE MISNAMED STARTED UNSURE WEIGHTLESS SCENELESS LOST PARTED CONTRASTED FLAT PLAINLESS",
         "formats": "ONLY_READ WORDS",
     }
@@ -352,6 +365,21 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
         with pytest.raises(InputError, match=re.escape(said)):
             write_drive(recording.Recording(camera, [good, frame]), Options(), tmp_path / "a/b/drive")
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.usefixtures("wrong")
+def test_a_data_set_has_the_options_that_it_declares(
+    street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("semcal_cli.cli.import_.PLUGINS", importing.PLUGINS)
+    asked = (street, "--lidar", "left", "--version", "v2", "-o", tmp_path / "drive")
+    with pytest.raises(PluginError, match="ValueError: left of v2"):
+        run_import("several", *asked)
+    shown = invoke("import", "several", "--help").stdout
+    assert "Several robots.\n\n  The data set comes from w 2.0." in shown
+    assert "No such option '--lidar'" in invoke("import", "failing", *asked).stderr
+    with pytest.raises(TypeError, match="reads: found 'lidars', expected lidar or version"):
+        importing.reads("lidars")
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import re
 import shlex
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from itertools import takewhile
 from pathlib import Path
 from types import FunctionType
@@ -39,6 +40,8 @@ MAX_REASONS = 10
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
 SIDES = "<<>>>><"
 """Alignment of the columns in the list of topics."""
+SECTION = r"\n+(Args|Returns|Raises):\n"
+"""Begin of what the docstring of a plugin's function says to programmers."""
 
 
 class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
@@ -247,8 +250,17 @@ class Kitti360Settings(DatasetSettings):
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class LidarSettings(DatasetSettings):
+    """Options of the import of a data set of several LiDARs."""
+
+    lidar: str | None = option("Name of the LiDAR.", metavar="NAME")
+
+
 OWN_SETTINGS = {"nuscenes": NuscenesSettings, "carla": CarlaSettings, "kitti-360": Kitti360Settings}
 """Settings of the data sets that have options of their own."""
+SETTINGS_OF_OPTIONS: dict[str, type[DatasetSettings]] = {"lidar": LidarSettings, "version": NuscenesSettings}
+"""Settings with each option that a plugin's data set may declare."""
 
 
 class Imports(click.Group):
@@ -265,8 +277,13 @@ class Imports(click.Group):
         if (read := PLUGINS.get(cmd_name, FunctionType)) is None:
             return None
         about, package = inspect.getdoc(read) or cmd_name, PLUGINS.package(cmd_name)
+        about = re.split(SECTION, about)[0]
         summary = f"{about.splitlines()[0]} ({package})"
-        return _dataset_command(cmd_name, summary, f"{about}\n\nThe data set comes from {package}.")
+        declared = [SETTINGS_OF_OPTIONS[name] for name in getattr(read, "request_options", ())]
+        settings = make_dataclass(
+            "PluginSettings", (), bases=(*declared, DatasetSettings), kw_only=True, frozen=True
+        )
+        return _dataset_command(cmd_name, summary, f"{about}\n\nThe data set comes from {package}.", settings)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -565,21 +582,22 @@ def import_dataset(
     return settings.write(recording, is_last=is_last, read=read)
 
 
-def _dataset_command(name: str, summary: str, help: str) -> click.Command:
+def _dataset_command(name: str, summary: str, help: str, kind: type[DatasetSettings]) -> click.Command:
     def read(settings: DatasetSettings) -> None:
         import_dataset(name, settings)
 
     return SettingsCommand(
         name,
         callback=read,
-        settings=OWN_SETTINGS.get(name, DatasetSettings),
+        settings=kind,
         help=help,
         short_help=summary,
     )
 
 
 for _name, _dataset in DATASETS.items():
-    import_.add_command(_dataset_command(_name, _dataset.summary, f"Import {_dataset.summary}"))
+    _kind = OWN_SETTINGS.get(_name, DatasetSettings)
+    import_.add_command(_dataset_command(_name, _dataset.summary, f"Import {_dataset.summary}", _kind))
 
 
 @dataclass(frozen=True, kw_only=True)

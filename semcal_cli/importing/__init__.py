@@ -5,16 +5,21 @@ This module imports nothing heavy, because the command line lists the data sets 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from types import FunctionType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from semcal_cli.errors import InputError, one_of
+from semcal_cli.errors import InputError, describe, one_of
 from semcal_cli.plugins import Plugins
 
 if TYPE_CHECKING:
     from semcal_cli.importing.recording import Recording, Request
+
+Reader = TypeVar("Reader", bound="Callable[[Request], Recording]")
+OWN_OPTIONS = ("lidar", "version")
+"""Fields of a `Request` that only those data sets of plugins have as options which declare them."""
 
 
 class Dataset(NamedTuple):
@@ -112,3 +117,21 @@ def _read_by_plugin(name: str, request: Request) -> Recording:
         raise InputError(f"found data set {name!r}, expected {one_of(name, [*DATASETS, *PLUGINS.names])}")
     with PLUGINS.name_in_errors(name):
         return check_recording(read(request), partial(PLUGINS.guard, name))
+
+
+def reads(*options: str) -> Callable[[Reader], Reader]:
+    """Declare further fields of a `Request` that the function of a plugin's data set reads: `lidar`, `version`.
+
+    `semcal import` then has these options for this data set. They are kept in `request_options` of the function.
+
+    Raises:
+        TypeError: there is no such option.
+    """
+    if unknown := [option for option in options if option not in OWN_OPTIONS]:
+        raise TypeError(f"reads: found {describe(unknown[0])}, expected {' or '.join(OWN_OPTIONS)}")
+
+    def declare(read: Reader) -> Reader:
+        read.request_options = options  # type: ignore[attr-defined]
+        return read
+
+    return declare

@@ -4,6 +4,7 @@ Quaternions have w first. Sensor poses map the sensor to the vehicle, vehicle po
 time of each sensor:
 T_camera_lidar = inv(T_ego_camera) inv(T_world_ego at the image) (T_world_ego at the sweep) T_ego_lidar.
 Predictions are named after the token of the sweep, as <token>_lidarseg.bin (nuscenes-devkit, eval/lidarseg/README.md).
+Other data sets have the same tables, with several LiDARs: `find_scene` reads them for plugins, too.
 """
 
 from __future__ import annotations
@@ -77,31 +78,69 @@ class Tables:
         return need_file(inside(self.root, filename.value, filename.where))
 
 
+@dataclass(frozen=True)
+class ViewedScene:
+    """A scene as one LiDAR and one camera see it."""
+
+    tables: Tables
+    lidar: str
+    """Channel of the LiDAR."""
+    camera: str
+    """Channel of the camera."""
+    sensors: dict[str, Node]
+    """Rows of calibrated_sensor by their tokens."""
+    rows: list[Node]
+    """Rows of sample_data of the LiDAR and the camera."""
+    keyframes: list[tuple[Node, Node]]
+    """Those of the sweep and the image of each sample that has both, in order of time."""
+
+    def sensor(self, row: Node) -> Node:
+        """Look up the row of calibrated_sensor of a row of sample_data."""
+        return self.sensors[text(row, "calibrated_sensor_token")]
+
+    def ego_poses(self, rows: list[Node]) -> dict[str, Node]:
+        """Read the rows of ego_pose of rows of sample_data, by their tokens.
+
+        Raises:
+            InputError: a row is missing.
+        """
+        return self.tables.rows_with("ego_pose", {text(row, "ego_pose_token") for row in rows})
+
+    def camera_block(self) -> dict[str, Any]:
+        """Make the camera block; the images are undistorted.
+
+        Raises:
+            InputError: the intrinsics or the size of the image are wrong.
+        """
+        _, image = self.keyframes[0]
+        K = self.sensor(image).at("camera_intrinsic")
+        if not isinstance(K.value, list):
+            raise K.mismatch("3 rows of 3 numbers")
+        rows = [K.child(index, row).numbers(3) for index, row in enumerate(K.value)]
+        width, height = (image.at(key).side() for key in ("width", "height"))
+        block = {"model": "plumb_bob", "width": width, "height": height, "K": rows}
+        return camera_block(K.file, block, {"K": K.key})
+
+
 def read(request: Request) -> Recording:
     """Find the keyframes of a scene, each with its own T_camera_lidar through the poses of the vehicle.
 
     Raises:
         InputError: the scene, the camera, a row or a file is missing or wrong, or no keyframe is complete.
     """
-    versions = [name for name in folders(request.root) if name.startswith("v1.0")]
-    version = pick(
-        "version",
-        request.version,
-        versions,
-        request.root,
-        expected="folders such as v1.0-mini and samples in ROOT",
+    scene = find_scene(request, LIDAR_CHANNEL, DEFAULT_CAMERA)
+    has_labels = scene.tables.path("lidarseg").exists()
+    labels = (
+        {text(row, "sample_data_token"): row for _, row in scene.tables.rows("lidarseg")}
+        if has_labels
+        else {}
     )
-    tables = Tables(request.root, request.root / version)
-    sensors = dict(tables.rows("calibrated_sensor"))
-    camera, keyframes = _keyframes(tables, sensors, request)
-    has_labels = tables.path("lidarseg").exists()
-    labels = {text(row, "sample_data_token"): row for _, row in tables.rows("lidarseg")} if has_labels else {}
-    named, remarks = FrameIds.of_recording(LIDAR_CHANNEL, camera)
+    named, remarks = FrameIds.of_recording(scene.lidar, scene.camera)
     return Recording(
-        camera=_camera(keyframes[0][1], sensors),
+        camera=scene.camera_block(),
         lidar=LIDAR,
         frame_ids=None if named is None else named.model_dump(exclude_none=True),
-        frames=_frames(tables, keyframes, labels),
+        frames=_frames(scene, labels),
         point_classes=read_ontology("nuscenes-lidarseg") if labels else None,
         # A camera is exposed when the LiDAR sweeps across the centre of its view (nuscenes.org, data collection).
         synchronization="hardware",
@@ -114,35 +153,59 @@ def text(row: Node, key: str) -> str:
     return row.at(key).text()
 
 
-def _keyframes(
-    tables: Tables, sensors: dict[str, Node], request: Request
-) -> tuple[str, list[tuple[Node, Node]]]:
-    """Choose the camera, and find the sweep and image of each sample of the scene that has both, in order of time."""
+def find_scene(request: Request, lidar: str, camera: str) -> ViewedScene:
+    """Choose the tables, the scene, the LiDAR and the camera.
+
+    Args:
+        request: What the user asks for.
+        lidar: Channel of the LiDAR if the user names none.
+        camera: Channel of the camera if the user names none.
+
+    Raises:
+        InputError: one of them, or a row, is missing or wrong, or no sample has a sweep and an image.
+    """
+    versions = [name for name in folders(request.root) if name.startswith("v1.")]
+    version = pick(
+        "version",
+        request.version,
+        versions,
+        request.root,
+        expected="folders such as v1.0-mini and samples in ROOT",
+    )
+    tables = Tables(request.root, request.root / version)
+    sensors = dict(tables.rows("calibrated_sensor"))
     scenes = {text(row, "name"): token for token, row in tables.rows("scene")}
     scene = scenes[pick("sequence", request.sequence, sorted(scenes), request.root)]
     samples = {token for token, row in tables.rows("sample") if text(row, "scene_token") == scene}
     names = {token: text(row, "channel") for token, row in tables.rows("sensor")}
     channels = {token: names.get(text(row, "sensor_token"), "") for token, row in sensors.items()}
-    cameras = sorted({channel for channel in channels.values() if channel.startswith("CAM_")})
-    camera = pick("camera", request.camera, cameras, request.root, default=DEFAULT_CAMERA)
-    rows_by_channel: dict[str, dict[str, Node]] = {LIDAR_CHANNEL: {}, camera: {}}
+    lidars, cameras = (
+        sorted({name for name in channels.values() if name.startswith(kind)}) for kind in ("LIDAR_", "CAM")
+    )
+    if request.lidar is not None:
+        lidar = pick("lidar", request.lidar, lidars, request.root)
+    camera = pick("camera", request.camera, cameras, request.root, default=camera)
+    rows: dict[str, list[Node]] = {lidar: [], camera: []}
     for _, row in tables.rows("sample_data"):
-        channel, sample = channels.get(text(row, "calibrated_sensor_token"), ""), text(row, "sample_token")
-        if channel in rows_by_channel and sample in samples and row.at("is_key_frame").value is True:
-            rows_by_channel[channel][sample] = row
-    sweeps, images = rows_by_channel[LIDAR_CHANNEL], rows_by_channel[camera]
+        channel = channels.get(text(row, "calibrated_sensor_token"), "")
+        if channel in rows and text(row, "sample_token") in samples:
+            rows[channel].append(row)
+    sweeps, images = (
+        {text(row, "sample_token"): row for row in of_channel if row.at("is_key_frame").value is True}
+        for of_channel in rows.values()
+    )
     both = [(sweeps[sample], images[sample]) for sample in sweeps if sample in images]
     if not both:
-        raise InputError(
-            f"{tables.path('sample_data')}: found no keyframe of both {LIDAR_CHANNEL} and {camera}"
-        )
-    return camera, sorted(both, key=lambda pair: _stamp_s(pair[0]))
+        raise InputError(f"{tables.path('sample_data')}: found no keyframe of both {lidar} and {camera}")
+    keyframes = sorted(both, key=lambda pair: stamp_s(pair[0]))
+    return ViewedScene(tables, lidar, camera, sensors, [*rows[lidar], *rows[camera]], keyframes)
 
 
-def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str, Node]) -> list[SourceFrame]:
-    T_world_sensor = _sensor_poses(tables, [row for pair in keyframes for row in pair])
+def _frames(scene: ViewedScene, labels: dict[str, Node]) -> list[SourceFrame]:
+    tables, keyframes = scene.tables, scene.keyframes
+    T_world_sensor = _sensor_poses(scene)
     T_world_lidar = [T_world_sensor[text(sweep, "token")] for sweep, _ in keyframes]
-    stamps_s = np.array([_stamp_s(sweep) for sweep, _ in keyframes])
+    stamps_s = np.array([stamp_s(sweep) for sweep, _ in keyframes])
     speeds = speeds_mps(np.array([T[:3, 3] for T in T_world_lidar]), np.diff(stamps_s))
     frames = []
     for (sweep, image), T, speed in zip(keyframes, T_world_lidar, speeds, strict=True):
@@ -156,8 +219,8 @@ def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str
                 points=tables.file(sweep),
                 point_labels=tables.file(labels[name]) if name in labels else None,
                 image=tables.file(image),
-                points_stamp=_stamp_s(sweep),
-                image_stamp=_stamp_s(image),
+                points_stamp=stamp_s(sweep),
+                image_stamp=stamp_s(image),
                 speed_mps=float(speed),
                 T_camera_lidar=rigid(where, T_camera_lidar, MAX_TRANSLATION_M),
                 label_names=(f"{name}_lidarseg",),
@@ -166,27 +229,22 @@ def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str
     return frames
 
 
-def _stamp_s(row: Node) -> float:
-    """Read the Unix time of a row of sample_data, in seconds."""
-    return row.at("timestamp").number(0.0, MAX_STAMP_S / MICROSECONDS) * MICROSECONDS
-
-
-def _sensor_poses(tables: Tables, rows: list[Node]) -> dict[str, Pose]:
-    """Compute T_world_sensor (4, 4) at the time of each file, by the token of its row."""
-
-    def poses(table: str) -> dict[str, Pose]:
-        tokens = {text(row, f"{table}_token") for row in rows}
-        return {token: _pose(row) for token, row in tables.rows_with(table, tokens).items()}
-
-    T_ego_sensor, T_world_ego = poses("calibrated_sensor"), poses("ego_pose")
+def _sensor_poses(scene: ViewedScene) -> dict[str, Pose]:
+    """Compute T_world_sensor (4, 4) at the time of each file of a keyframe, by the token of its row."""
+    rows = [row for pair in scene.keyframes for row in pair]
+    T_world_ego = {token: read_pose(row) for token, row in scene.ego_poses(rows).items()}
     return {
-        text(row, "token"): T_world_ego[text(row, "ego_pose_token")]
-        @ T_ego_sensor[text(row, "calibrated_sensor_token")]
+        text(row, "token"): T_world_ego[text(row, "ego_pose_token")] @ read_pose(scene.sensor(row))
         for row in rows
     }
 
 
-def _pose(row: Node) -> Pose:
+def stamp_s(row: Node) -> float:
+    """Read the Unix time of a row, in seconds."""
+    return row.at("timestamp").number(0.0, MAX_STAMP_S / MICROSECONDS) * MICROSECONDS
+
+
+def read_pose(row: Node) -> Pose:
     """Read T_vehicle_sensor or T_world_vehicle (4, 4) of a row, in metres."""
     translation_node, (w, x, y, z) = row.at("translation"), row.at("rotation").numbers(4)
     translation = [
@@ -197,14 +255,3 @@ def _pose(row: Node) -> Pose:
         return pose_from_quaternion((x, y, z, w), translation)
     except ValueError as error:
         raise InputError(f"{row.where}: {error}") from None
-
-
-def _camera(image: Node, sensors: dict[str, Node]) -> dict[str, Any]:
-    """Make the camera block; nuScenes' images are undistorted."""
-    K = sensors[text(image, "calibrated_sensor_token")].at("camera_intrinsic")
-    if not isinstance(K.value, list):
-        raise K.mismatch("3 rows of 3 numbers")
-    rows = [K.child(index, row).numbers(3) for index, row in enumerate(K.value)]
-    width, height = (image.at(key).side() for key in ("width", "height"))
-    block = {"model": "plumb_bob", "width": width, "height": height, "K": rows}
-    return camera_block(K.file, block, {"K": K.key})

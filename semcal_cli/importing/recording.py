@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, get_origin
+from typing import Any, Literal, TypeAlias, TypeVar, get_origin
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +17,9 @@ from semcal_cli.config.setting import settings_of
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.geometry.arrays import Points, Pose
-from semcal_cli.importing.dataset_tree import need_folder
+from semcal_cli.importing.dataset_tree import need_folder, speeds_mps
 from semcal_cli.importing.ontologies import Ontology
-from semcal_cli.importing.sweep_odometry import NS
+from semcal_cli.importing.sweep_odometry import NS, SIGMA, are_covered
 
 Kind = TypeVar("Kind")
 
@@ -35,9 +35,11 @@ class Request:
     camera: str | None = None
     """Name of the camera; None for the data set's default."""
     version: str | None = None
-    """Folder of nuScenes' tables, or release of CARLA."""
+    """Folder of nuScenes' tables, release of CARLA, or what the data set of a plugin declares to read."""
     rectified: bool | None = None
     """Whether KITTI-360's images are the rectified ones or the raw ones; None for the camera's default."""
+    lidar: str | None = None
+    """Name of the LiDAR, in data sets of plugins that declare to read it; None for the data set's default."""
 
     def __post_init__(self) -> None:
         """Check that the folder exists.
@@ -207,6 +209,46 @@ def with_poses(
     return replace(
         recording, frames=frames, poses=poses, motion=motion, remarks=(*recording.remarks, *remarks)
     )
+
+
+def with_trajectory(
+    recording: Recording,
+    poses: Mapping[int, Pose],
+    source: Path,
+    *,
+    point_times: Literal["relative", "absolute", "deskewed"],
+    sweep_s: float = 0.0,
+) -> Recording:
+    """Add the trajectory of the LiDAR, which moves each sweep to the time of its image, and the speed at each frame.
+
+    Args:
+        recording: A recording whose frames have both stamps.
+        poses: Poses (4, 4) of the LiDAR by their times in nanoseconds, ascending.
+        source: File of the poses.
+        point_times: What the times of points refer to, as `point_times` of a drive's motion.
+        sweep_s: Time before and after the stamp of a sweep in which its points may have been measured, in seconds.
+
+    Raises:
+        InputError: there is no frame with poses before and after its sweep and its image.
+    """
+    stamps_ns = [*poses]
+    frames = [frame for frame in recording.frames if _is_covered(frame, stamps_ns, sweep_s)]
+    if not frames:
+        raise InputError(f"{source}: found no poses before and after the sweep and the image of any frame")
+    stamps_s = np.array([frame.points_stamp for frame in frames])
+    times_s, positions = np.array(stamps_ns) / NS, np.array([T[:3, 3] for T in poses.values()])
+    at_sweeps = np.column_stack([np.interp(stamps_s, times_s, axis) for axis in positions.T])
+    speeds = speeds_mps(at_sweeps, np.diff(stamps_s)).tolist()
+    frames = [replace(frame, speed_mps=speed) for frame, speed in zip(frames, speeds, strict=True)]
+    motion = {"point_times": point_times, "sigma": SIGMA}
+    return with_poses(recording, frames, poses, motion, f"sweeps are moved to their images by {source.name}")
+
+
+def _is_covered(frame: SourceFrame, stamps_ns: Sequence[int], sweep_s: float) -> bool:
+    if frame.points_stamp is None or frame.image_stamp is None:
+        return False
+    moments_s = (frame.points_stamp - sweep_s, frame.points_stamp + sweep_s, frame.image_stamp)
+    return are_covered(stamps_ns, (round(moment_s * NS) for moment_s in moments_s))
 
 
 def join_sequences(

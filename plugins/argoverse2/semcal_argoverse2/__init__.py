@@ -1,0 +1,1 @@
+"""Argoverse 2 Sensor for semcal."""

@@ -1,0 +1,1 @@
+"""MAN TruckScenes for semcal."""

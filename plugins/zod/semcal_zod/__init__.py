@@ -1,0 +1,1 @@
+"""The Zenseact Open Dataset for semcal."""
