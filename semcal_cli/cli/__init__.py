@@ -67,6 +67,7 @@ SECTIONS: dict[str, dict[str, str]] = {
     "Many drives": {
         "batch": "Calibrate or verify many drives.",
         "fleet": "Combine the results of many drives of one rig.",
+        "audit": "Check the calibrations that a data set delivers, on one page.",
     },
     "Research": {
         "experiment": "Compare semcal with other methods.",

@@ -44,6 +44,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "batch drives -o results --command verify --calibration front.yaml",
     ),
     "fleet": ("fleet results --report fleet.html",),
+    "audit": ("audit drives -o audit.html --cue edges", "audit 'scenes/*/rig.yaml' -o audit.html --jobs 2"),
     "experiment pairs": (
         "experiment pairs --seeds 1 --pairs 1 --pairs 5 --method semcal --method SOIC -o results",
     ),
