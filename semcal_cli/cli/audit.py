@@ -196,9 +196,9 @@ def _figures(drive: AuditedDrive) -> str:
     """Describe what decides the verdict on a drive."""
     from semcal_cli.pipeline.verdict import overall_offsets
 
-    if drive.verification is None or drive.verification.is_reasoned:
-        return "; ".join(drive.outcome.reasons[:1])
-    return overall_offsets(drive.verification.checks)[0]
+    if drive.verification is not None and drive.has_figures:
+        return overall_offsets(drive.verification.checks)[0]
+    return "; ".join(drive.outcome.reasons[:1])
 
 
 def _print(found: Audit) -> None:

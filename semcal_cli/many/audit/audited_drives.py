@@ -55,11 +55,14 @@ class AuditedDrive:
         return NOT_VERIFIED if self.verification is None else self.verdict
 
     @property
+    def has_figures(self) -> bool:
+        """Whether its offsets are judged, each on its own; a reason stands in their place otherwise."""
+        return self.verification is not None and not self.verification.is_reasoned
+
+    @property
     def judged(self) -> dict[str, AxisVerdict]:
         """Checks that pass or fail, by name."""
-        checks = (
-            () if self.verification is None or self.verification.is_reasoned else self.verification.checks
-        )
+        checks = self.verification.checks if self.verification is not None and self.has_figures else ()
         return {check.name: check for check in checks if check.verdict != "inconclusive"}
 
 
