@@ -44,7 +44,7 @@ FILLER = r"(Give|Say|Tell)s?\b"
 """First words of docstrings that say less than "Return", "Describe" or "Name"."""
 SUPERLATIVE = r"_?(LEAST|MOST)_"
 """First words of names of limits that are called `MIN_` and `MAX_`."""
-PRINTING_ROOMS = {"cli", "experiments", "fleet", "many/rig", "report"}
+PRINTING_ROOMS = {"cli", "experiments", "fleet", "many/audit", "many/rig", "report"}
 """Rooms whose figures a person reads, in centimetres and millimetres."""
 POSE_ERRORS = "geometry/poses.py"
 """The module whose `PoseError` also has its figures as they are printed."""

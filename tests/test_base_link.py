@@ -184,3 +184,55 @@ def test_a_base_of_another_lidar_is_refused(base: Path, street: Path, tmp_path: 
     )
     done = invoke("convert", source, "--to", "urdf", "--base", path, "--to-lidar", "left_lidar")
     assert done.exit_code == 0, done.output
+
+
+ROBOT = (
+    f'<robot><joint name="lidar" type="fixed"><parent link="base_link"/><child link="os_sensor"/><origin {ORIGIN}/>'
+    '</joint><!-- kept --><joint name="front" type="fixed"><parent link="base_link"/>'
+    '<child link="camera_optical_frame"/><origin xyz="0 0 0" rpy="0 0 0"/></joint></robot>'
+)
+"""A robot whose camera is mounted on the vehicle, beside the LiDAR."""
+
+
+def test_a_joint_from_the_vehicle_is_set(source: Path, tmp_path: Path) -> None:
+    robot, out = written(tmp_path, "robot.urdf", ROBOT), tmp_path / "new.urdf"
+    done = invoke("convert", source, "--into", robot, "--base", robot, "-o", out)
+    assert done.exit_code == 0, done.exception
+    assert "base_link to camera_optical_frame: " in done.stderr
+    np.testing.assert_allclose(read_transform(out), T_ANY, atol=WRITTEN_DIGITS)
+    T_camera_base = read_transform(out, None, FormatOptions(lidar="base_link"))
+    np.testing.assert_allclose(T_camera_base, T_CAMERA_BASE, atol=WRITTEN_DIGITS)
+    assert "<!-- kept -->" in out.read_text()
+
+
+def test_a_matrix_from_the_vehicle_is_set_under_a_key(source: Path, base: Path, tmp_path: Path) -> None:
+    rig = written(tmp_path, "rig.yaml", yaml.dump({"front": {"T": np.eye(4).tolist()}}))
+    arguments = ("--into", rig, "--key", "front.T", "--base", base, "--to-direction", "lidar-to-camera")
+    done = invoke("convert", source, *arguments)
+    assert done.exit_code == 0, done.exception
+    np.testing.assert_allclose(yaml.safe_load(done.stdout)["front"]["T"], T_CAMERA_BASE, atol=WRITTEN_DIGITS)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        (*BASES["autoware"], "found autoware, in which no frame is the vehicle's; leave out --base"),
+        (
+            "calib.txt",
+            "P0: 1 0 0 0 0 1 0 0 0 0 1 0\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n",
+            "in which no frame is the vehicle's; leave out --base",
+        ),
+        (
+            "robot.urdf",
+            ROBOT.replace("base_link", "chassis"),
+            "add --base-frame to name the vehicle's",
+        ),
+    ],
+)
+def test_files_that_no_transform_from_the_vehicle_can_be_set_in(
+    name: str, text: str, message: str, source: Path, base: Path, tmp_path: Path
+) -> None:
+    file = written(tmp_path, name, text)
+    done = invoke("convert", source, "--into", file, "--base", base, "-o", tmp_path / "new")
+    assert message in str(done.exception)
+    assert not (tmp_path / "new").exists()

@@ -31,13 +31,11 @@ WITH_OPENCV = {
 WITH_SCIPY = {"fleet/consensus"}
 CONTRACTS = {
     "layers": 'containers = ["{package}"]\nlayers = ["upper", "lower"]',
-    "independence": 'modules = ["{package}.upper", "{package}.lower"]',
     "acyclic_siblings": 'ancestors = ["{package}"]',
 }
 """Settings of a contract of each type, for a package with an upper and a lower room."""
 PLANTED = {
     "layers": {"lower": "from {package} import upper"},
-    "independence": {"upper": "from {package} import lower"},
     "acyclic_siblings": {"upper": "from {package} import lower", "lower": "from {package} import upper"},
 }
 """Imports that a contract of each type refuses, by the room that has them."""

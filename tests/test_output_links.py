@@ -78,6 +78,7 @@ WRITERS = {
         "convert c.yaml --to npy --to-direction lidar-to-camera -o T.npy", ("T.npy",), make=calibration
     ),
     "fleet": Writer("fleet c.yaml -o f.json --plot plot.svg", ("f.json", "plot.svg"), make=calibration),
+    "audit": Writer("audit drive -o audit.html --junit junit.xml", ("audit.html", "junit.xml")),
     "batch": Writer(
         "batch drive -o out -- --no-polish",
         ("out/summary.jsonl", "out/*/record.json", "out/*/calibration.yaml", "out/*/log.txt", "out/.lock"),

@@ -33,6 +33,7 @@ LINES = (
     "synth n --frames 1 --width 160 --height 90",
     "batch d -o b",
     "fleet b c.yaml -o fleet.yaml",
+    "audit d -o audit.html",
     "demo demo",
 )
 """Commands in the order in which they use one another's files."""

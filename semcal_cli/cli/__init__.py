@@ -62,11 +62,12 @@ SECTIONS: dict[str, dict[str, str]] = {
     "Export": {
         "base": "Estimate the pose of the LiDAR on its vehicle, for base_link.",
         "convert": "Convert a transform to the format of another tool.",
-        "export": "Export a drive to a viewer, or as coloured points.",
+        "export": "Export a drive or a rig to viewers and other programs.",
     },
     "Many drives": {
         "batch": "Calibrate or verify many drives.",
         "fleet": "Combine the results of many drives of one rig.",
+        "audit": "Check the calibrations that a data set delivers, on one page.",
     },
     "Research": {
         "experiment": "Compare semcal with other methods.",

@@ -16,7 +16,7 @@ from semcal_cli.cli import EXIT_STOPPED
 from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
-from semcal_cli.cli.options import MAX_THREADS, QuietSettings
+from semcal_cli.cli.options import MAX_THREADS, JobSettings
 from semcal_cli.cli.rules import given, refuse
 from semcal_cli.cli.settings import SettingsCommand, argument, command, option, without_option
 from semcal_cli.cli.verify import VerifySettings, verify
@@ -52,7 +52,7 @@ class WithRest(SettingsCommand["BatchSettings"]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchSettings(QuietSettings):
+class BatchSettings(JobSettings):
     """Settings of `batch`."""
 
     rules = [
@@ -64,11 +64,9 @@ class BatchSettings(QuietSettings):
     output: Path = option("Folder for the results.", "-o", "--output", required=True, metavar="DIR")
     command: Literal["calibrate", "verify"] = option("Command to run.", default="calibrate")
     calibration: Path | None = option("Transform to verify, with --command verify.", metavar="FILE")
-    jobs: int | None = option("Number of drives to run in parallel.  [default: 1]", minimum=1)
     threads: int | None = option(
         "Threads per drive.  [default: cores / jobs; with --dask, 1]", minimum=1, maximum=MAX_THREADS
     )
-    timeout_s: float | None = option("Time limit per drive, in seconds.", "--timeout", above=0.0, metavar="S")
     force: bool = option("Run finished drives again.", default=False)
     dask: str | None = option(
         "Run on this Dask cluster, tcp://HOST:PORT, with shared storage.", metavar="ADDRESS"
@@ -77,9 +75,7 @@ class BatchSettings(QuietSettings):
     @property
     def num_threads(self) -> int:
         """Threads for each drive."""
-        from semcal_cli.threads import num_cores
-
-        return self.threads or (1 if self.dask is not None else max(num_cores() // (self.jobs or 1), 1))
+        return self.threads or (1 if self.dask is not None else super().num_threads)
 
 
 @command(BatchSettings, cls=WithRest)

@@ -84,7 +84,6 @@ class ConvertSettings(WrittenSettings):
         one_of("--to", "--into"),
         given("--to").excludes("--into"),
         given("--key").requires("--into"),
-        given("--base").requires("--to"),
         given("--base-direction", "--base-frame").requires("--base"),
     ]
     source: Path = argument(type=INPUT_FILE, metavar="IN")
@@ -157,6 +156,9 @@ def convert(settings: ConvertSettings) -> None:
         "from_format": settings.from_,
         "read_options": settings.read(),
         "write_options": written,
+        "base": settings.base,
+        "base_direction": settings.base_direction,
+        "base_frame": settings.base_frame,
     }
     if settings.into is not None:
         content = set_in_file(
@@ -169,9 +171,6 @@ def convert(settings: ConvertSettings) -> None:
             settings.to,
             output,
             replaces=settings.force,
-            base=settings.base,
-            base_direction=settings.base_direction,
-            base_frame=settings.base_frame,
             **options,
         )
     if output is None:

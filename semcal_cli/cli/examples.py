@@ -38,12 +38,15 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "base": ("base my_drive --xy-m 1.2 0 -o base.yaml",),
     "export rerun": ("export rerun my_drive front.yaml -o front.rrd",),
     "export mcap": ("export mcap my_drive front.yaml -o front.mcap",),
+    "export nerfstudio": ("export nerfstudio my_drive front.yaml -o transforms.json",),
+    "export colmap": ("export colmap rig.yaml results -o rig_config.json",),
     "export ply": ("export ply my_drive front.yaml -o points",),
     "batch": (
         "batch 'drives/*' -o results",
         "batch drives -o results --command verify --calibration front.yaml",
     ),
     "fleet": ("fleet results --report fleet.html",),
+    "audit": ("audit drives -o audit.html --cue edges", "audit 'scenes/*/rig.yaml' -o audit.html --jobs 2"),
     "experiment pairs": (
         "experiment pairs --seeds 1 --pairs 1 --pairs 5 --method semcal --method SOIC -o results",
     ),

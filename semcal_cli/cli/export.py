@@ -12,12 +12,12 @@ import click
 from semcal_cli.cli.options import DriveSettings, reference_direction
 from semcal_cli.cli.settings import KNOWN_TRANSFORMS, SettingsCommand, argument, option
 from semcal_cli.config.directions import Direction
-from semcal_cli.errors import check_installed, counted
+from semcal_cli.errors import InputError, check_installed, counted, one_of
 
 
 @click.group()
 def export() -> None:
-    """Export a drive to a viewer, or as coloured points. `semcal convert` writes transforms for other tools."""
+    """Export a drive or a rig to other programs. `semcal convert` writes transforms for other tools."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +125,96 @@ def mcap(settings: McapSettings) -> None:
         unknown = "the drive states no times of all sweeps and images: frames are a second apart"
         terminal.print(*wrapped("note:", unknown, indent=6))
     terminal.print(*wrapped("", f"wrote {output}: {counted(len(drive.frames), 'frame')}", indent=0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class NerfstudioSettings(DriveSettings):
+    """Settings of `export nerfstudio`."""
+
+    calibration: Path = argument()
+    output: Path = option("File to write, transforms.json.", "-o", "--output", required=True, metavar="FILE")
+    reference_direction: Direction | None = reference_direction()
+    max_frames: int | None = option("Write at most N evenly spaced frames; all if not given.", minimum=1)
+
+
+@export.command(
+    cls=SettingsCommand,
+    settings=NerfstudioSettings,
+    help="Write the images of DRIVE with their poses for nerfstudio: those of the LiDAR in `motion:`, with the "
+    f"transform in CALIBRATION. CALIBRATION is {KNOWN_TRANSFORMS}. The world is the LiDAR's frame at the first image. "
+    "The images stay where they are.",
+    short_help="Images with poses for nerfstudio, transforms.json.",
+)
+def nerfstudio(settings: NerfstudioSettings) -> None:
+    """Write a transforms.json."""
+    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.files.output_files import write_bytes
+    from semcal_cli.formats import read_reference
+    from semcal_cli.formats.nerfstudio import transforms_json
+    from semcal_cli.observations.frame_selection import with_few_frames
+    from semcal_cli.result.applied import apply_result
+
+    whole, output = read_drive(settings.drive, settings.max_points), settings.output
+    check_outputs(files_read(whole, settings.calibration), output)
+    extrinsic = read_reference(settings.calibration, settings.reference_direction)
+    applied = apply_result(extrinsic.record, whole, str(settings.calibration))
+    terminal = settings.terminal()
+    terminal.print_changes(applied.changes)
+    drive = with_few_frames(applied.drive, settings.max_frames or len(whole.frames))
+    write_bytes(transforms_json(drive, extrinsic.T_camera_lidar, output), output)
+    terminal.print(f"wrote {output}: {counted(len(drive.frames), 'image')}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColmapSettings(DriveSettings):
+    """Settings of `export colmap`."""
+
+    drive: Path = argument(metavar="RIG")
+    results: Path = argument()
+    output: Path = option("File to write, rig_config.json.", "-o", "--output", required=True, metavar="FILE")
+    reference: str | None = option(
+        "Camera that is the frame of COLMAP's rig; the first with a transform if not given.", metavar="CAMERA"
+    )
+
+
+@export.command(
+    cls=SettingsCommand,
+    settings=ColmapSettings,
+    help="Write the cameras of RIG, a rig.yaml, as a rig of COLMAP 3.12 or later, with their intrinsics. RESULTS is "
+    "the folder that semcal calibrate wrote. COLMAP knows no LiDAR, so one camera is the frame of its rig; each entry "
+    "also has T_camera_lidar, which COLMAP ignores. COLMAP expects the images of each camera in a folder of its name.",
+    short_help="A rig of cameras for COLMAP, rig_config.json.",
+)
+def colmap(settings: ColmapSettings) -> None:
+    """Write a rig_config.json."""
+    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.tables import wrapped
+    from semcal_cli.files.output_files import write_bytes
+    from semcal_cli.formats.colmap import RigCamera, rig_config
+    from semcal_cli.many.rig.rig_document import find_rig
+    from semcal_cli.many.rig.rig_result import read_rig_files
+
+    rig, terminal = find_rig(settings.drive), settings.terminal()
+    if rig is None:
+        raise InputError(
+            f"{settings.drive}: found a drive, expected a rig.yaml, whose cameras are a rig of COLMAP"
+        )
+    result, drives, read = read_rig_files(rig, settings.results, settings.max_points)
+    check_outputs(read, settings.output)
+    cameras = {name: RigCamera(record.pose, drives[name].camera) for name, record in result.cameras.items()}
+    reference = settings.reference or next(iter(cameras))
+    if reference not in cameras:
+        raise InputError(f"--reference: found {reference!r}, expected {one_of(reference, cameras)}")
+    notes = [f"{name}: left out, {error}" for name, error in result.failures.items()]
+    notes += [
+        f"{name}: not trusted, see its reasons"
+        for name, record in result.cameras.items()
+        if record.status == "not_trusted"
+    ]
+    write_bytes(rig_config(cameras, reference, notes.append), settings.output)
+    terminal.print(*(line for note in notes for line in wrapped("note", note)))
+    terminal.print(f"wrote {settings.output}: {counted(len(cameras), 'camera')}, in the frame of {reference}")
 
 
 @dataclass(frozen=True, kw_only=True)

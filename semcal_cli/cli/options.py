@@ -138,6 +138,24 @@ class ThreadSettings(QuietSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class JobSettings(QuietSettings):
+    """Options of every command that runs another one on many drives."""
+
+    jobs: int | None = option("Number of drives to run in parallel.  [default: 1]", minimum=1)
+    threads: int | None = option(
+        "Threads per drive.  [default: cores / jobs]", minimum=1, maximum=MAX_THREADS
+    )
+    timeout_s: float | None = option("Time limit per drive, in seconds.", "--timeout", above=0.0, metavar="S")
+
+    @property
+    def num_threads(self) -> int:
+        """Threads for each drive."""
+        from semcal_cli.threads import num_cores
+
+        return self.threads or max(num_cores() // (self.jobs or 1), 1)
+
+
+@dataclass(frozen=True, kw_only=True)
 class DriveSettings(QuietSettings):
     """Argument and options of every command that reads a drive."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -156,12 +156,7 @@ def verify(settings: VerifySettings) -> None:
     if settings.junit is not None:
         write_text(report.junit(), settings.junit)
     if settings.as_json:
-        smallest = verification.smallest_visible
-        document = asdict(verification) | {
-            "T_camera_lidar": verification.T_camera_lidar.tolist(),
-            "smallest_visible": None if smallest is None else smallest.model_dump(),
-        }
-        click.echo(json.dumps(document, allow_nan=False))
+        click.echo(json.dumps(verification.document, allow_nan=False))
     else:
         _print(verification, verbose=settings.verbose)
     report.tell_github()

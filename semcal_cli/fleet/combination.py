@@ -5,7 +5,6 @@ Every drive is compared with the rig's pose at its time; the pose at the last dr
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,11 +18,12 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.fleet.consensus import ExtraScatter, extra_scatter, robust_mean
 from semcal_cli.fleet.fleet_drives import FleetDrive
-from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, Order, RigPart
+from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, RigPart
 from semcal_cli.fleet.fleet_verdict import MIN_DRIVES, conclude, judge_fleet, notes
 from semcal_cli.fleet.history import RigHistory, find_history
 from semcal_cli.geometry.arrays import Matrices, Pose, Vectors
 from semcal_cli.geometry.twists import local_coordinates, pose_at
+from semcal_cli.many.chronology import Order, in_order
 from semcal_cli.pipeline.verdict import together
 from semcal_cli.result.uncertainty import NORMAL_95
 
@@ -143,19 +143,11 @@ def _split_usable(drives: Sequence[FleetDrive]) -> tuple[list[FleetDrive], tuple
 
 def _sort_drives(drives: list[FleetDrive]) -> tuple[list[FleetDrive], npt.NDArray[np.float64], Order]:
     """Sort drives by stamp, in days since the first, or by name if their stamps cannot be compared."""
-    by_name = sorted(drives, key=lambda drive: _natural_key(drive.name))
-    stamps = [drive.stamp for drive in by_name if drive.stamp is not None and drive.has_stamp]
-    if len(stamps) < len(drives) or len(set(stamps)) == 1:
-        return by_name, np.arange(len(drives), dtype=np.float64), "name"
-    order = np.argsort(stamps, kind="stable")
-    return [by_name[i] for i in order], (np.sort(stamps) - min(stamps)) / DAY_S, "stamp"
-
-
-def _natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
-    """Return a sort key that puts 10 after 2."""
-    parts = re.split(r"([0-9]+)", name)
-    digits = (part.lstrip("0") if index % 2 else part for index, part in enumerate(parts))
-    return [(len(part) if index % 2 else 0, part) for index, part in enumerate(digits)], name
+    ordered, order = in_order(drives)
+    if order == "name":
+        return ordered, np.arange(len(drives), dtype=np.float64), order
+    stamps = np.array([drive.stamp for drive in ordered])
+    return ordered, (stamps - stamps[0]) / DAY_S, order
 
 
 def _make_series(drives: Sequence[FleetDrive], times: npt.NDArray[np.float64]) -> _Series:

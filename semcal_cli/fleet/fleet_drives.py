@@ -31,8 +31,6 @@ SIGMAS_M, SIGMAS_RAD = (1e-5, 100.0), (1e-6, 3.0)
 MIN_EIGENVALUE = 1e-9
 """Minimum eigenvalue of a correlation matrix; data cannot determine a combination of axes that much better than each
 axis."""
-EPOCH_S = 1e9
-"""Minimum stamp that counts as seconds since 1970; smaller ones may start anywhere and cannot be compared."""
 
 
 class _Line(RecordedOutcome):
@@ -59,11 +57,6 @@ class FleetDrive:
     """Entry of `left_out` in docs/troubleshooting.md, if it has one."""
     covariance_of_intrinsics: npt.NDArray[np.float64] | None = None
     """(6, 6) part of the covariance from errors of K, which all drives of a camera share; None if it is not stated."""
-
-    @property
-    def has_stamp(self) -> bool:
-        """Whether the drive's stamp can be compared with those of other drives."""
-        return self.stamp is not None and self.stamp >= EPOCH_S
 
 
 def read_fleet_drives(paths: Sequence[Path]) -> list[FleetDrive]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +13,9 @@ from semcal_cli.config import Limits
 from semcal_cli.fleet.fleet_drives import FleetDrive
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, quaternion_xyzw
+from semcal_cli.many.chronology import Order
 from semcal_cli.pipeline.verdict import AxisVerdict, Verdict, judge
 from semcal_cli.result.provenance import versions
-
-Order: TypeAlias = Literal["stamp", "name"]
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,15 @@ import numpy as np
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import listed
+from semcal_cli.many.chronology import has_date
 from semcal_cli.pipeline.verdict import OVERALL, AxisVerdict, Verdict, together
 from semcal_cli.readable import figure, lengths
 from semcal_cli.result.uncertainty import CHECK_NAMES, widest
 
 if TYPE_CHECKING:
     from semcal_cli.fleet.fleet_drives import FleetDrive
-    from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, Order, RigPart
+    from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, RigPart
+    from semcal_cli.many.chronology import Order
 
 MIN_DRIVES = 3
 """Minimum number of drives that show how much drives scatter."""
@@ -96,7 +98,7 @@ def conclude(
         if listed_drives:
             names = listed(drive.drive.name for drive in listed_drives)
             reasons.append(f"{len(listed_drives):,} of {num_used:,} drives {words}: {names}")
-    num_reasons, num_stamped = len(reasons), sum(drive.drive.has_stamp for drive in drives)
+    num_reasons, num_stamped = len(reasons), sum(has_date(drive.drive) for drive in drives)
     if 0 < num_stamped < num_used:
         # With drives ordered by name, a change or a drift may look like scatter.
         reasons.append(

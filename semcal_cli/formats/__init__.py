@@ -15,7 +15,7 @@ from semcal_cli.files.documents import FORMATS as DOCUMENTS
 from semcal_cli.files.input_files import is_same_file, read_bytes
 from semcal_cli.files.output_files import descriptor, write_bytes
 from semcal_cli.formats import base_link, bases, insertion, semcal
-from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.format import Base, Format, FormatOptions, Source
 from semcal_cli.formats.format_table import (
     FORMATS as FORMATS,
     all_formats as all_formats,
@@ -262,16 +262,8 @@ def convert(
         frame_ids=extrinsic.frame_ids,
     )
     if base is not None:
-        on_vehicle = base_link.read_base(
-            base,
-            direction=base_direction,
-            name=base_frame,
-            lidar=written.lidar,
-            recorded=None if written.frame_ids is None else written.frame_ids.lidar,
-        )
-        written = replace(written, base=on_vehicle)
-        _, _, camera = name_frames(extrinsic.T_camera_lidar, written)
-        written.note(base_link.describe_pose(extrinsic.T_camera_lidar, on_vehicle, camera))
+        written = replace(written, base=_read_base(base, base_direction, base_frame, written))
+        _note_base(extrinsic.T_camera_lidar, written)
     if path is not None and path.is_file() and descriptor(path) is None and not replaces:
         made = write_transform(extrinsic.T_camera_lidar, None, to, replace(written, on_note=None))
         if _without_numbers(read_bytes(path)) != _without_numbers(made):
@@ -280,6 +272,19 @@ def convert(
     if record is not None and record.status == "not_trusted":
         written.note(f"{source}: the transform is not trusted; see its reasons")
     return text
+
+
+def _read_base(path: Path, direction: BaseDirection | None, name: str | None, written: FormatOptions) -> Base:
+    """Read the pose of the LiDAR of a transform on its vehicle."""
+    recorded = None if written.frame_ids is None else written.frame_ids.lidar
+    return base_link.read_base(path, direction=direction, name=name, lidar=written.lidar, recorded=recorded)
+
+
+def _note_base(T_camera_lidar: Pose, written: FormatOptions) -> None:
+    """Describe where the camera is on its vehicle."""
+    assert written.base is not None
+    _, _, camera = name_frames(T_camera_lidar, written)
+    written.note(base_link.describe_pose(T_camera_lidar, written.base, camera))
 
 
 def _without_numbers(content: bytes) -> bytes:
@@ -296,6 +301,9 @@ def set_in_file(
     from_format: str | None = None,
     read_options: FormatOptions | None = None,
     write_options: FormatOptions | None = None,
+    base: Path | None = None,
+    base_direction: BaseDirection | None = None,
+    base_frame: str | None = None,
 ) -> bytes:
     """Set the transform of a file in a copy of another file, whose comments and layout stay: see `insertion`.
 
@@ -308,6 +316,9 @@ def set_in_file(
         from_format: Name of the source's format; None recognises it by its content.
         read_options: Options for what the source leaves open.
         write_options: Options for what the target leaves open.
+        base: File with the pose of the LiDAR on its vehicle: see `convert`.
+        base_direction: Direction of a matrix in `base` whose file does not state it.
+        base_frame: Name of the vehicle's frame; None is the name in `base`, or `base_link`.
 
     Returns:
         The content of the new file.
@@ -319,14 +330,20 @@ def set_in_file(
     if path is not None and path.is_file() and not replaces:
         raise OccupiedError(f"{path}: found a file")
     extrinsic = read_extrinsic(source, from_format, read_options)
-    if path is not None and is_same_file(path, drive_file(Path(source))):
+    read_files = [drive_file(Path(source)), *([] if base is None else [base])]
+    if path is not None and any(is_same_file(path, file) for file in read_files):
         raise InputError(f"{path}: found the input file; choose another name")
     into = Source.read(Path(target))
     options = replace(write_options or FormatOptions(), frame_ids=extrinsic.frame_ids, is_written=True)
     format = insertion.format_of(into, key, FORMATS)
     if format is not None:
         _check_options(format, options)
-    content = insertion.set_transform(extrinsic.T_camera_lidar, into, format, key, options)
+    if base is None:
+        content = insertion.set_transform(extrinsic.T_camera_lidar, into, format, key, options)
+    else:
+        options = replace(options, base=_read_base(base, base_direction, base_frame, options))
+        _note_base(extrinsic.T_camera_lidar, options)
+        content = insertion.set_on_base(extrinsic.T_camera_lidar, into, format, key, options)
     if path is not None:
         write_bytes(content, path)
     if extrinsic.record is not None and extrinsic.record.status == "not_trusted":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
@@ -11,7 +10,6 @@ import numpy as np
 from semcal_cli.drive.camera import Camera, CameraModel
 from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import CameraBlock, Format, FormatOptions, Source
-from semcal_cli.formats.frame_names import CAMERA
 from semcal_cli.formats.lenses import intrinsic_matrix, refuse_camera
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import (
@@ -255,45 +253,4 @@ FAST_LIVO2 = entry_format(
     _find_block,
     _RotationAndTranslation(),
     read_lens=read_vikit_lens,
-)
-
-ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"
-COLMAP_POSE = NumbersNotation({ROTATION: WXYZ, TRANSLATION: XYZ})
-
-
-def _rig_cameras(rigs: Node) -> list[Node]:
-    """List the cameras of all rigs that have a pose in their rig."""
-    entries = []
-    for index, rig in enumerate(rigs.value if isinstance(rigs.value, list) else []):
-        cameras = rig.get("cameras") if isinstance(rig, dict) else None
-        for number, camera in enumerate(cameras if isinstance(cameras, list) else []):
-            if isinstance(camera, dict) and ROTATION in camera:
-                entries.append(rigs.child(index, rig).child("cameras", cameras).child(number, camera))
-    return entries
-
-
-def _find_rig_camera(document: Node, options: FormatOptions) -> Node:
-    cameras = _rig_cameras(document)
-    matches = [camera for camera in cameras if options.camera in (None, camera.value.get(NAME))]
-    if len(matches) != 1:
-        names = listed(camera.value.get(NAME) for camera in cameras)
-        needed = f"add --camera with the {NAME} of one of them"
-        raise InputError(f"{document.where}: found cameras {names}; {needed}")
-    return matches[0]
-
-
-def _make_rig(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    camera: dict[str, Any] = {NAME: options.camera or CAMERA}
-    COLMAP_POSE.put(camera, T_camera_lidar)
-    return (json.dumps([{"cameras": [camera]}], indent=2) + "\n").encode()
-
-
-COLMAP = entry_format(
-    "colmap",
-    f"p_camera = T p_rig, where the rig is the LiDAR: {ROTATION} (w x y z) and {TRANSLATION}",
-    lambda source: bool(_rig_cameras(Node("", source.records))),
-    _find_rig_camera,
-    COLMAP_POSE,
-    make=_make_rig,
-    asks=("camera",),
 )

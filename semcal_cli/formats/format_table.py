@@ -14,6 +14,7 @@ from semcal_cli.errors import InputError, describe, one_of
 from semcal_cli.formats import (
     bases,
     camera_info,
+    colmap,
     document_formats as documents,
     kalibr,
     kitti_files as kitti,
@@ -61,7 +62,7 @@ FORMATS: tuple[Format, ...] = (
     documents.FAST_LIVO2,
     mappers.R3LIVE,
     mappers.ODIN,
-    documents.COLMAP,
+    colmap.FORMAT,
     mappers.EXTRINSIC_MATRIX,
     matrix.TUM,
     matrix.TEXT,

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.documents import FORMATS as DOCUMENTS, parse_any
 from semcal_cli.files.validation import key_part
@@ -28,6 +29,7 @@ from semcal_cli.formats.node import Node
 from semcal_cli.formats.opencv import blank_storage, is_storage
 from semcal_cli.formats.pose import RPY, XYZ, XYZW, number_text, numbers_of
 from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 
 TOLERANCE = 1e-6
 """Largest difference of a number that is read again: numbers are written with nine decimals."""
@@ -114,6 +116,29 @@ def set_transform(
     if not np.allclose(again, T_camera_lidar, rtol=0.0, atol=TOLERANCE):
         raise InputError(f"{source.path}: the transform cannot be set; add --to {format.name} and a new file")
     return content
+
+
+def set_on_base(
+    T_camera_lidar: Pose, source: Source, format: Format | None, key: str | None, options: FormatOptions
+) -> bytes:
+    """Set the transform from the vehicle's frame, `options.base`, as `set_transform` sets that from the LiDAR.
+
+    Raises:
+        InputError: the file holds the pose of the LiDAR itself or knows no other frame, or see `set_transform`.
+    """
+    base = options.base
+    assert base is not None
+    if format is not None and (format.edit is None or "lidar" not in format.asks):
+        raise InputError(
+            f"{source.path}: found {format.name}, in which no frame is the vehicle's; leave out --base"
+        )
+    frames = FrameIds(camera=None if options.frame_ids is None else options.frame_ids.camera)
+    named = replace(options, base=None, lidar=base.name, frame_ids=frames)
+    try:
+        return set_transform(T_camera_lidar @ inverse(base.T_base_lidar), source, format, key, named)
+    except InputError as error:
+        line = str(error).replace("--to-lidar to name the LiDAR's own", "--base-frame to name the vehicle's")
+        raise type(error)(line) from None
 
 
 def _set_in_document(T: Pose, source: Source, path: list[Any], options: FormatOptions) -> bytes:

@@ -106,6 +106,16 @@ def pixels_of(where: str, camera: Camera) -> list[float]:
     return [fx, fy, cx, cy]
 
 
+def pixels_from_corner(where: str, camera: Camera) -> list[float]:
+    """List fx fy cx cy for tools in whose images the centre of the first pixel is (0.5, 0.5), and not (0, 0).
+
+    Raises:
+        UnnamedLensError: K has a skew, too; the message begins with `where`.
+    """
+    fx, fy, cx, cy = pixels_of(where, camera)
+    return [fx, fy, cx + 0.5, cy + 0.5]
+
+
 def numbers_of(camera: Camera) -> list[float]:
     """List K, nine numbers by rows, in pixels."""
     return [number for row in camera.K for number in row]

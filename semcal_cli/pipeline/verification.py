@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import get_args
+from dataclasses import asdict, dataclass, replace
+from typing import Any, get_args
 
 import numpy as np
 
@@ -138,6 +139,27 @@ class Verification:
     def word(self, check: AxisVerdict) -> str:
         """Verdict on a check in a word; none is judged where reasons leave all of them open."""
         return "not judged" if self.is_reasoned else check.verdict
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The verification as JSON, from which `of_document` makes it again."""
+        smallest = self.smallest_visible
+        return asdict(self) | {
+            "T_camera_lidar": self.T_camera_lidar.tolist(),
+            "smallest_visible": None if smallest is None else smallest.model_dump(),
+        }
+
+    @classmethod
+    def of_document(cls, document: Mapping[str, Any]) -> Verification:
+        """Make the verification that `document` describes."""
+        smallest = document["smallest_visible"]
+        made = {
+            "checks": tuple(AxisVerdict(**check) for check in document["checks"]),
+            "T_camera_lidar": np.array(document["T_camera_lidar"]),
+            "smallest_visible": None if smallest is None else PoseChange.model_validate(smallest),
+        }
+        made |= {key: tuple(document[key]) for key in ("reasons", "topics", "notes")}
+        return cls(**{**document, **made})
 
 
 def verify(

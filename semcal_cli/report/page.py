@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import ChainMap
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.pipeline.verdict import overall_offsets
 from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
-from semcal_cli.report.colors import first_coloring
+from semcal_cli.report.colors import PageColors, first_coloring
 from semcal_cli.report.drawing import Plot
 from semcal_cli.report.figures import (
     class_agreements,
@@ -38,7 +39,7 @@ from semcal_cli.report.image_maps import map_plots
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import T_notation, files, notations
 from semcal_cli.report.overlays import Overlays, image_of
-from semcal_cli.report.page_images import MAX_FRAMES, make_images
+from semcal_cli.report.page_images import MAX_FRAMES, FrameImage, FrameImages, make_images
 from semcal_cli.report.points import View
 from semcal_cli.report.template import PageVerdict, link_reasons, render_page
 from semcal_cli.result.applied import apply_result, seen_as
@@ -199,6 +200,44 @@ def both_overlays(verification: Verification, data: LoadedDrive, initial_pose: I
     by = first_coloring(sample.first_cue)
     by = "agreement" if by == "class" else by
     return Overlays(sample.drive, sample.first_cue, poses, by, observations)
+
+
+class DrivePicture(NamedTuple):
+    """A frame of one of several drives on a page, with the points at the verified and at the found pose."""
+
+    drive: str
+    """Name of the drive."""
+    images: FrameImages
+    image: FrameImage
+
+
+def draw_verification(
+    verification: Verification, data: LoadedDrive, initial_pose: InitialPose, drive: str, number: int
+) -> DrivePicture:
+    """Draw the first frame of a drive, for a page about several drives.
+
+    Args:
+        verification: The pose that was found.
+        data: The drive.
+        initial_pose: The transform that was verified.
+        drive: Name of the drive.
+        number: Number of the frame on the page.
+
+    Raises:
+        InputError: its image is missing or wrong.
+    """
+    images = make_images(both_overlays(verification, data, initial_pose))
+    return DrivePicture(drive, images, replace(images.best, number=number))
+
+
+def common_colors(pictures: Sequence[DrivePicture]) -> PageColors:
+    """Keep the colours that mean the same on all pictures: those of classes differ where drives have other classes."""
+    first, *others = [picture.images.colors for picture in pictures]
+    names = [
+        name for name, table in first.tables.items() if all(table == each.tables.get(name) for each in others)
+    ]
+    legends = {name: dict(ChainMap(*(each.legends[name] for each in (first, *others)))) for name in names}
+    return PageColors({name: first.tables[name] for name in names}, legends)
 
 
 def write_verification(
