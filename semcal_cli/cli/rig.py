@@ -29,6 +29,7 @@ from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describ
 from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.many.rig.rig_page import rig_page_html
 from semcal_cli.observations.loading import load
+from semcal_cli.observations.skew import Skew
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 from semcal_cli.result.provenance import hash_files
@@ -97,7 +98,8 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     for name, (T, uncertainty) in poses.items():
         if not np.array_equal(T, cameras[name].pose):
             data = load(cameras[name].applied_to(drives[name]), config, sweeps=sweeps).unrolled(T)
-            cameras[name] = adjusted_calibration(cameras[name], data.observations, T, uncertainty)
+            seen = Skew.undone(data.observations, data.drive, T, cameras[name].deskewed_m_s)
+            cameras[name] = adjusted_calibration(cameras[name], seen, T, uncertainty)
             write_calibration(cameras[name], folder / f"{name}.yaml")
     result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different, adjustment)
     _write(result_of_rig, rig, drives, result, hashes)

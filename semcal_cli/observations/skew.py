@@ -9,6 +9,7 @@ the view they show nothing, because a camera that is nearer looks the same.
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,9 @@ from semcal_cli.observations.observations import Observations
 MIN_LEVEL = 0.5
 """Smallest part of the view across the axis about which the LiDAR turns: a camera that looks up or down is never
 faced."""
+MAX_FACING_SEAM = 0.0
+"""Largest cosine of the angle between the view and the seam. On either side of a seam, points are a turn apart, and no
+side of it may be in the image."""
 
 
 class Skew(NamedTuple):
@@ -30,25 +34,44 @@ class Skew(NamedTuple):
     spin: Spin
     view: npt.NDArray[np.float32]
     """(3,) direction in which the camera looks, across the axis of the spin, LiDAR frame."""
-    later_s: float
-    """Time from the moment at which the LiDAR faces the camera to that of the image, seconds."""
+    moments_s: tuple[float, ...]
+    """Moment of the image of each frame, or of all frames alike, on the clock of the spin's times, seconds."""
 
     @classmethod
     def of(cls, drive: Drive, T_camera_lidar: Pose) -> Skew | None:
         """Describe the skew at a pose (4, 4); None if there is none, or nothing tells when the LiDAR sees the view.
 
-        There is none where the drive says anything of its motion. Only a camera that the LiDAR triggers is known to
+        There is none where the drive says anything of its motion. Where frames have no stamps, the camera is taken to
         look where the LiDAR faces.
         """
         if drive.lidar is None or drive.lidar.spin is None or drive.motion is not None:
             return None
-        level = T_camera_lidar[2, :2]
+        spin, level = drive.lidar.spin, T_camera_lidar[2, :2]
         length = float(np.linalg.norm(level))
         if drive.synchronization != "hardware" or length < MIN_LEVEL:
             return None
-        return cls(drive.lidar.spin, np.array([*level / length, 0.0], np.float32), drive.time_offset_s)
+        view = np.array([*level / length, 0.0], np.float32)
+        seam = np.radians(spin.seam_deg)
+        if view @ [np.cos(seam), np.sin(seam), 0.0] > MAX_FACING_SEAM:
+            return None
+        facing_s = float(spin.times(view[None])[0])
+        moments_s = [
+            facing_s
+            if frame.image_stamp is None or frame.points_stamp is None
+            else frame.image_stamp - frame.points_stamp
+            for frame in drive.frames
+        ]
+        return cls(spin, view, tuple(moment_s + drive.time_offset_s for moment_s in moments_s))
 
-    def removed(self, observations: Observations, speed_m_s: float) -> Observations:
+    @classmethod
+    def undone(
+        cls, observations: Observations, drive: Drive, T_camera_lidar: Pose, speed_m_s: float
+    ) -> Observations:
+        """Deskew the observations of a drive by a speed that a calibration (4, 4) found; without one, as they are."""
+        skew = cls.of(drive, T_camera_lidar)
+        return observations if skew is None else skew.deskewed(observations, speed_m_s)
+
+    def deskewed(self, observations: Observations, speed_m_s: float) -> Observations:
         """Move each point to where the LiDAR would have seen it at the moment of the image, at a speed along the view.
 
         Args:
@@ -57,9 +80,9 @@ class Skew(NamedTuple):
         """
         if speed_m_s == 0.0:
             return observations
-        moment_s = float(self.spin.times(self.view[None])[0]) + self.later_s
         clouds = []
-        for cloud in observations.clouds:
+        # The frames by one cue follow those by another.
+        for cloud, moment_s in zip(observations.clouds, cycle(self.moments_s), strict=False):
             since_s = self.spin.times(observations.rays(cloud.points)) - moment_s
             moved = cloud.points + np.float32(speed_m_s * since_s[:, None]) * self.view
             clouds.append(cloud.with_points(moved))

@@ -52,6 +52,8 @@ CLOCKS = "clocks"
 """Topic of the finding that states the offset of the clock."""
 UNTIED_TOPIC = "untied-clocks"
 """Topic of the finding that says more of the clock than its note."""
+KNOW_SPEED = "give motion.poses, or state time_offset_sigma_s if the moment of the images is known better"
+"""Advice where the speed that sweeps show alone makes an interval too wide."""
 ADVICE_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
 
@@ -109,14 +111,16 @@ class ErrorBudget:
     clock: Matrix | None
     """By a clock that is not checked."""
     motion: Matrix | None
-    """By errors of the motion, or of the speed that stands for it."""
+    """By errors of the motion."""
+    speed: Matrix | None
+    """By errors of the speed that stands for the motion, and of the moment of the images."""
     left_open: Matrix | None
     """By intrinsics and the clock that a joint estimate leaves as they are."""
 
     @property
     def clock_and_motion(self) -> Matrix | None:
         """The part by the clock and the motion together."""
-        return sum_of(self.clock, self.motion)
+        return sum_of(self.clock, self.motion, self.speed)
 
     @property
     def total(self) -> Matrix | None:
@@ -179,7 +183,8 @@ class _AssessedPose:
         return ErrorBudget(
             intrinsics=None if twist is None else np.asarray(twist @ twist.T),
             clock=None if clock is None or self.is_clock_estimated else clock.covariance(self.label_gain),
-            motion=sum_of(self._covariance_of_motion(), self._covariance_of_speed()),
+            motion=self._covariance_of_motion(),
+            speed=self._covariance_of_speed(),
             left_open=None if joint is None else joint.left_open,
         )
 
@@ -292,6 +297,8 @@ def _advice(pose: _AssessedPose, uncertainty: Uncertainty) -> str | None:
         return KNOW_MOTION
     if is_narrow_without(budget.motion):
         return KNOW_POSES
+    if is_narrow_without(budget.speed):
+        return KNOW_SPEED
     return ADVICE_K if is_narrow_without(budget.intrinsics) else None
 
 

@@ -191,7 +191,7 @@ class Stages:
         if speed is None:
             return None
         return MeasuredSpeed(
-            along_view_m_s=speed.along_view_m_s, sigma_m_s=speed.sigma_m_s, is_used=speed.is_moving
+            along_view_m_s=speed.along_view_m_s, sigma_m_s=speed.sigma_m_s, is_used=speed.is_used
         )
 
     @property

@@ -149,7 +149,7 @@ def make_report_input(
     used_drive = used_drive or choose_frames(drive, cues, MAX_FRAMES)
     observations = _with_settings(load_cues(used_drive, cues, sweeps), record)
     if is_of_record and record is not None:
-        observations = _deskewed(observations, used_drive, record)
+        observations = Skew.undone(observations, used_drive, record.T_camera_lidar, record.deskewed_m_s)
     return ReportInput(
         name=name,
         T_camera_lidar=T_camera_lidar,
@@ -173,14 +173,6 @@ def _with_settings(observations: Observations, record: CalibrationDocument | Non
         check_settings(RefinementConfig(**known))
         return replace(observations, **known)
     return observations
-
-
-def _deskewed(observations: Observations, drive: Drive, record: CalibrationDocument) -> Observations:
-    """Deskew sweeps as a calibration from them did."""
-    skew = Skew.of(drive, record.T_camera_lidar)
-    if skew is None or record.speed is None or not record.speed.is_used:
-        return observations
-    return skew.removed(observations, record.speed.along_view_m_s)
 
 
 def _find_frames(drive: Drive, record: CalibrationDocument) -> tuple[Drive | None, list[str]]:

@@ -152,6 +152,11 @@ class CalibrationDocument(StrictModel):
         return np.array(self.rows_camera_lidar)
 
     @property
+    def deskewed_m_s(self) -> float:
+        """Speed along the view of the camera by which sweeps were deskewed, metres per second; 0 if they were not."""
+        return self.speed.along_view_m_s if self.speed is not None and self.speed.is_used else 0.0
+
+    @property
     def T_lidar_camera(self) -> Pose:
         """Inverse (4, 4) of `T_camera_lidar`, in metres."""
         return np.array(self.rows_lidar_camera)

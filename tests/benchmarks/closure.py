@@ -67,8 +67,8 @@ def calibrated(real: RealDrive, cue: str, seed: int) -> ClosedSet:
     start = InitialPose(displace(T, START_DEG, START_M, np.random.default_rng(seed)), "start")
     data = load(read_drive(real.path), config)
     found = calibrate(data, config, initial_pose=start)
-    if found.speed is not None and found.speed.is_used and (skew := Skew.of(data.drive, found.pose)):
-        data = replace(data, observations=skew.removed(data.observations, found.speed.along_view_m_s))
+    seen = Skew.undone(data.observations, data.drive, found.pose, found.deskewed_m_s)
+    data = replace(data, observations=seen)
     sigmas = np.full(6, np.inf)
     if (stated := found.uncertainty) is not None:
         of_K = stated.covariance_of_intrinsics or np.zeros((6, 6))
