@@ -10,13 +10,14 @@ import pytest
 from conftest import Cli, edited, make_pose
 from laboratory.raw_drive import RawDrive, write_raw_drive
 
-from semcal_cli.config import CalibrationConfig, PolishConfig
+from semcal_cli.config import AdjustmentConfig, CalibrationConfig, PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.lidar import Spin
+from semcal_cli.drive.lidar import Lidar, Spin
 from semcal_cli.estimation.adjust import deskewed as speeds
 from semcal_cli.estimation.adjust.deskewed import deskew
 from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.information import information_by_squares
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
@@ -24,6 +25,10 @@ from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_points
 from semcal_cli.observations.skew import Skew
+from semcal_cli.pipeline import refine_and_polish
+from semcal_cli.pipeline.assessment import _AssessedPose
+from semcal_cli.pipeline.calibration import deskew_sweeps, start_at
+from semcal_cli.pipeline.stages import Stages
 from semcal_cli.report.input import read_report_input
 
 SPIN: dict[str, Any] = {"rate_hz": 10.0, "clockwise": True, "seam_deg": 180.0}
@@ -151,6 +156,27 @@ def test_all_cues_show_the_speed(street: Path, street_truth: Pose) -> None:
     assert fits is not None
     mean = information_by_squares(observations, fits.standing.T_camera_lidar).mean
     assert fits.standing.information == pytest.approx(mean)
+
+
+def test_a_speed_does_not_hide_a_wrong_principal_point(
+    skewed: Observations, street: Path, street_truth: Pose
+) -> None:
+    """K is tested by the sweeps as they are, and intrinsics are estimated with them."""
+    data = replace(load(read_drive(street)), observations=skewed)
+    lidar = Lidar.model_validate({"spin": spin_at(street_truth)})
+    data = replace(data, drive=data.drive.model_copy(update={"lidar": lidar}))
+    stages = Stages.from_refined(
+        data, start_at(data, InitialPose(street_truth, "truth")), None, is_compensated=True
+    )
+    seen, stages = deskew_sweeps(data, stages)
+    assert stages.is_deskewed
+    pose = _AssessedPose(seen, stages, PolishConfig(), None)
+    observations, T = pose.tests_intrinsics_at
+    assert observations is skewed
+    np.testing.assert_allclose(T, newton(skewed, street_truth, PolishConfig()).T_camera_lidar, atol=1e-4)
+    config = RefinementConfig(jointly=AdjustmentConfig(intrinsics=("cx",)))
+    initial = start_at(data, InitialPose(street_truth, "truth"))
+    assert refine_and_polish(data, initial, config).deskewed is None
 
 
 def test_a_result_is_deskewed_and_states_the_speed(

@@ -214,8 +214,10 @@ def refine_and_polish(
     stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
     if not _is_polished(data.observations, config):
         return stages
-    deskewed, stages = deskew_sweeps(unrolled, stages, on_event)
-    return _finish(deskewed, stages, config, priors, on_event)
+    # An error of cx looks like a speed: where intrinsics are estimated, sweeps stay as they are.
+    if config.jointly.is_empty:
+        unrolled, stages = deskew_sweeps(unrolled, stages, on_event)
+    return _finish(unrolled, stages, config, priors, on_event)
 
 
 def deskew_sweeps(

@@ -73,6 +73,8 @@ class Deskewed(StageResult):
 
     observations: Observations
     """Points where the LiDAR would have seen them at the moment of the image, and the images."""
+    as_recorded: tuple[Observations, Pose]
+    """Points and images as the drive gives them, and the best pose (4, 4) with these, metres."""
     speed: Speed | None
     """Speed that the sweeps show; None if they show none."""
     covariance: Matrix | None
@@ -122,6 +124,7 @@ def deskew(
             agreement=core.agreement(observations.core, T_camera_lidar),
             note="the images do not tell the speed, so sweeps stay as they are",
             observations=observations,
+            as_recorded=(observations, T_camera_lidar),
             speed=None,
             covariance=None,
         )
@@ -140,6 +143,7 @@ def deskew(
         agreement=core.agreement(seen.core, T),
         note=note,
         observations=seen,
+        as_recorded=(observations, fits.standing.T_camera_lidar),
         speed=speed,
         covariance=_covariance(fits, speed, skew, moment_sigma_s),
     )
