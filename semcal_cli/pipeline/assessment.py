@@ -168,15 +168,14 @@ class _AssessedPose:
 
     @property
     def tests_intrinsics_at(self) -> tuple[Observations, Pose]:
-        """Observations and the pose (4, 4) at which the intrinsics are tested.
+        """Observations and the pose (4, 4) by which the intrinsics are tested.
 
-        A speed looks like an error of cx: on KITTI raw, -10 m/s in place of 7 hide a cx that is 20 pixels off. Sweeps
-        that the images deskew are therefore taken as they are.
+        A speed looks like an error of cx: on KITTI raw, -10 m/s in place of 7 hide a cx that is 20 pixels off.
         """
         deskewed = self.stages.deskewed
         if deskewed is None or not self.stages.is_deskewed:
             return self.data.checked_by, self.stages.T_camera_lidar
-        observations, T_camera_lidar = deskewed.as_recorded
+        observations, T_camera_lidar = deskewed.for_intrinsics
         return replace(self.data, observations=observations).checked_by, T_camera_lidar
 
     @cached_property

@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import PolishConfig
+from semcal_cli.estimation.adjust.intrinsics_estimate import ascend_with
+from semcal_cli.estimation.adjust.joint_fit import Variables, adjust_observations
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.information import information_by_squares
@@ -41,6 +43,12 @@ MIN_SCENES = 4
 MOMENT_SIGMA_S = 0.004
 """Standard deviation of the moment of the images where the drive states none: the LiDAR of KITTI makes the cameras
 expose 3.7 ms after it faces forward (`tests/benchmarks/spin.py`)."""
+
+
+InverseCurvature: TypeAlias = npt.NDArray[np.float64] | None
+Polish: TypeAlias = Callable[
+    [Observations, Pose, InverseCurvature], tuple[Observations, Pose, InverseCurvature]
+]
 
 
 class Speed(NamedTuple):
@@ -73,8 +81,9 @@ class Deskewed(StageResult):
 
     observations: Observations
     """Points where the LiDAR would have seen them at the moment of the image, and the images."""
-    as_recorded: tuple[Observations, Pose]
-    """Points and images as the drive gives them, and the best pose (4, 4) with these, metres."""
+    for_intrinsics: tuple[Observations, Pose]
+    """Points and images, and the best pose (4, 4) with these, metres, by which intrinsics are tested. They are deskewed
+    by the speed that the sweeps show whatever cx is: with a wrong one, sweeps seem to have another speed."""
     speed: Speed | None
     """Speed that the sweeps show; None if they show none."""
     covariance: Matrix | None
@@ -88,7 +97,7 @@ class _Fit(NamedTuple):
     T_camera_lidar: Pose
     share_by_square: Mapping[tuple[int, ...], float]
     """Share of each square of the scenes, by scene, row and column, in the mutual information, nats."""
-    inverse_curvature: npt.NDArray[np.float64] | None
+    inverse_curvature: InverseCurvature
 
     @property
     def information(self) -> float:
@@ -116,7 +125,7 @@ def deskew(
         T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
         moment_sigma_s: Standard deviation of the moment of the images, seconds.
     """
-    fits = _fit_speeds(observations, skew, T_camera_lidar)
+    fits = _fit_speeds(observations, skew, T_camera_lidar, _polish)
     speed = None if fits is None else _find_maximum(fits)
     if fits is None or speed is None:
         return Deskewed(
@@ -124,7 +133,7 @@ def deskew(
             agreement=core.agreement(observations.core, T_camera_lidar),
             note="the images do not tell the speed, so sweeps stay as they are",
             observations=observations,
-            as_recorded=(observations, T_camera_lidar),
+            for_intrinsics=(observations, T_camera_lidar),
             speed=None,
             covariance=None,
         )
@@ -143,13 +152,39 @@ def deskew(
         agreement=core.agreement(seen.core, T),
         note=note,
         observations=seen,
-        as_recorded=(observations, fits.standing.T_camera_lidar),
+        for_intrinsics=_for_intrinsics(observations, skew, T) if speed.is_used else (seen, T),
         speed=speed,
         covariance=_covariance(fits, speed, skew, moment_sigma_s),
     )
 
 
-def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose) -> _Fits | None:
+def _for_intrinsics(
+    observations: Observations, skew: Skew, T_camera_lidar: Pose
+) -> tuple[Observations, Pose]:
+    """Deskew by the speed that is found together with cx; without one, take sweeps as they are."""
+    fits = _fit_speeds(observations, skew, T_camera_lidar, _polish_with_cx)
+    speed = None if fits is None else _find_maximum(fits)
+    seen = observations if speed is None else skew.deskewed(observations, speed.along_view_m_s)
+    return seen, newton(seen, T_camera_lidar, PolishConfig()).T_camera_lidar
+
+
+def _polish(
+    observations: Observations, T_start: Pose, inverse_curvature: InverseCurvature
+) -> tuple[Observations, Pose, InverseCurvature]:
+    polished = newton(observations, T_start, PolishConfig(), inverse_curvature)
+    return observations, polished.T_camera_lidar, polished.inverse_curvature
+
+
+def _polish_with_cx(
+    observations: Observations, T_start: Pose, inverse_curvature: InverseCurvature
+) -> tuple[Observations, Pose, InverseCurvature]:
+    maximum = ascend_with(observations, T_start, ("cx",), levels=(1,))
+    changes = np.array(maximum.changes)
+    adjusted = adjust_observations(observations, Variables(("cx",), with_delay=False), changes)
+    return adjusted, maximum.T_camera_lidar, inverse_curvature
+
+
+def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose, polish: Polish) -> _Fits | None:
     """Polish the pose at one speed after another, to that of the largest information and one beyond.
 
     Returns None if there are too few scenes, or the information still rises at the last speed.
@@ -158,16 +193,17 @@ def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose) ->
     if len(set(observations.scenes)) < MIN_SCENES:
         return None
 
-    def fit(speed_m_s: float, T_start: Pose, inverse_curvature: npt.NDArray[np.float64] | None) -> _Fit:
-        seen = skew.deskewed(observations, speed_m_s)
-        polished = newton(seen, T_start, PolishConfig(), inverse_curvature)
-        parts = information_by_squares(seen, polished.T_camera_lidar)
+    def fit(speed_m_s: float, T_start: Pose, inverse_curvature: InverseCurvature) -> _Fit:
+        seen, T, inverse_curvature = polish(
+            skew.deskewed(observations, speed_m_s), T_start, inverse_curvature
+        )
+        parts = information_by_squares(seen, T)
         shares = parts.sums / max(parts.weights.sum(), 1.0)
         share_by_square = defaultdict[tuple[int, ...], float](float)
         # Frames of one scene, and cues, share squares.
         for square, share in zip(parts.by_scene.tolist(), shares.tolist(), strict=True):
             share_by_square[tuple(square)] += share
-        return _Fit(speed_m_s, polished.T_camera_lidar, share_by_square, polished.inverse_curvature)
+        return _Fit(speed_m_s, T, share_by_square, inverse_curvature)
 
     def next_to(near: _Fit, step_m_s: float) -> _Fit:
         return fit(near.speed_m_s + step_m_s, near.T_camera_lidar, near.inverse_curvature)

@@ -102,7 +102,7 @@ def estimate_intrinsics(
         if np.all(np.abs(step[6:]) < NEAR_PX * _pixels_of(around, names)):
             return _estimate(given, step[6:], around, observations)
     seen = replace(observations, camera=with_all_coefficients(observations.camera, names))
-    ascent = _ascend(seen, T_camera_lidar, names)
+    ascent = ascend_with(seen, T_camera_lidar, names)
     changes = np.array(ascent.changes)
     adjusted = adjust_observations(seen, Variables(names, with_delay=False), changes)
     is_higher = adjusted.information(ascent.T_camera_lidar) > seen.information(T_camera_lidar)
@@ -122,13 +122,15 @@ def _names(camera: Camera) -> tuple[str, ...]:
     return (*K_ENTRIES, "k1") if has_k1 else tuple(K_ENTRIES)
 
 
-def _ascend(observations: Observations, T_camera_lidar: Pose, names: tuple[str, ...]) -> core.JointMaximum:
-    """Climb from the given intrinsics, on blocks of pixels."""
+def ascend_with(
+    observations: Observations, T_camera_lidar: Pose, names: tuple[str, ...], levels: tuple[int, ...] = LEVELS
+) -> core.JointMaximum:
+    """Climb from a pose (4, 4) and the given intrinsics to the maximum of both, on blocks of pixels."""
     camera = observations.camera
     sigmas = dict.fromkeys(("cx", "cy"), CENTER_SIGMA * camera.width)
     sigmas |= {name: FOCAL_SIGMA * intrinsic_value(camera, name) for name in ("fx", "fy")}
     settings = AscentConfig(
-        factors=LEVELS,
+        factors=levels,
         changes=(0.0,) * len(names),
         sigmas=tuple(sigmas.get(name, LENS_SIGMA) for name in names),
         evidence=MIN_EVIDENCE,
