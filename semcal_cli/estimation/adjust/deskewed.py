@@ -46,7 +46,7 @@ expose 3.7 ms after it faces forward (`tests/benchmarks/spin.py`)."""
 
 
 InverseCurvature: TypeAlias = npt.NDArray[np.float64] | None
-Polish: TypeAlias = Callable[
+Climb: TypeAlias = Callable[
     [Observations, Pose, InverseCurvature], tuple[Observations, Pose, InverseCurvature]
 ]
 
@@ -184,7 +184,7 @@ def _polish_with_cx(
     return adjusted, maximum.T_camera_lidar, inverse_curvature
 
 
-def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose, polish: Polish) -> _Fits | None:
+def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose, climb: Climb) -> _Fits | None:
     """Polish the pose at one speed after another, to that of the largest information and one beyond.
 
     Returns None if there are too few scenes, or the information still rises at the last speed.
@@ -194,9 +194,7 @@ def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose, po
         return None
 
     def fit(speed_m_s: float, T_start: Pose, inverse_curvature: InverseCurvature) -> _Fit:
-        seen, T, inverse_curvature = polish(
-            skew.deskewed(observations, speed_m_s), T_start, inverse_curvature
-        )
+        seen, T, inverse_curvature = climb(skew.deskewed(observations, speed_m_s), T_start, inverse_curvature)
         parts = information_by_squares(seen, T)
         shares = parts.sums / max(parts.weights.sum(), 1.0)
         share_by_square = defaultdict[tuple[int, ...], float](float)
