@@ -106,9 +106,9 @@ class _Fit(NamedTuple):
 
 
 class _Fits(NamedTuple):
-    """Fits at a standstill, and at three speeds around that of the largest information."""
+    """Fits where the search began, and at three speeds around that of the largest information."""
 
-    standing: _Fit
+    first: _Fit
     before: _Fit
     middle: _Fit
     after: _Fit
@@ -145,27 +145,26 @@ def deskew(
     )
     if speed.is_used:
         # The polish holds out data, which took part in the fits: it starts where the speed alone moves the pose.
-        (change,) = local_coordinates([fits.middle.T_camera_lidar], fits.standing.T_camera_lidar)
+        (change,) = local_coordinates([fits.middle.T_camera_lidar], fits.first.T_camera_lidar)
         T, note = pose_at(T, change), f"deskewed by the speed that the images show, {figures}"
     return Deskewed(
         T_camera_lidar=T,
         agreement=core.agreement(seen.core, T),
         note=note,
         observations=seen,
-        for_intrinsics=_for_intrinsics(observations, skew, T) if speed.is_used else (seen, T),
+        for_intrinsics=_for_intrinsics(observations, skew, fits.middle) if speed.is_used else (seen, T),
         speed=speed,
         covariance=_covariance(fits, speed, skew, moment_sigma_s),
     )
 
 
-def _for_intrinsics(
-    observations: Observations, skew: Skew, T_camera_lidar: Pose
-) -> tuple[Observations, Pose]:
+def _for_intrinsics(observations: Observations, skew: Skew, near: _Fit) -> tuple[Observations, Pose]:
     """Deskew by the speed that is found together with cx; without one, take sweeps as they are."""
-    fits = _fit_speeds(observations, skew, T_camera_lidar, _polish_with_cx)
+    T = near.T_camera_lidar
+    fits = _fit_speeds(observations, skew, T, _polish_with_cx, near.speed_m_s)
     speed = None if fits is None else _find_maximum(fits)
     seen = observations if speed is None else skew.deskewed(observations, speed.along_view_m_s)
-    return seen, newton(seen, T_camera_lidar, PolishConfig()).T_camera_lidar
+    return seen, newton(seen, T, PolishConfig()).T_camera_lidar
 
 
 def _polish(
@@ -184,7 +183,9 @@ def _polish_with_cx(
     return adjusted, maximum.T_camera_lidar, inverse_curvature
 
 
-def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose, climb: Climb) -> _Fits | None:
+def _fit_speeds(
+    observations: Observations, skew: Skew, T_camera_lidar: Pose, climb: Climb, first_m_s: float = 0.0
+) -> _Fits | None:
     """Polish the pose at one speed after another, to that of the largest information and one beyond.
 
     Returns None if there are too few scenes, or the information still rises at the last speed.
@@ -206,7 +207,7 @@ def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose, cl
     def next_to(near: _Fit, step_m_s: float) -> _Fit:
         return fit(near.speed_m_s + step_m_s, near.T_camera_lidar, near.inverse_curvature)
 
-    standing = middle = fit(0.0, T_camera_lidar, None)
+    first = middle = fit(first_m_s, T_camera_lidar, None)
     before, after = next_to(middle, -STEP_M_S), next_to(middle, STEP_M_S)
     while max(before.information, after.information) > middle.information:
         if before.information > after.information:
@@ -215,7 +216,7 @@ def _fit_speeds(observations: Observations, skew: Skew, T_camera_lidar: Pose, cl
             before, middle, after = middle, after, next_to(after, STEP_M_S)
         if abs(middle.speed_m_s) >= LAST_M_S:
             return None
-    return _Fits(standing, before, middle, after)
+    return _Fits(first, before, middle, after)
 
 
 def _find_maximum(fits: _Fits) -> Speed | None:
