@@ -238,6 +238,19 @@ def test_the_page_names_an_image_that_is_missing(street: Path, street_truth: Pos
     assert "Not shown: " in audit_page_html(alone, documents, LIMITS, CalibrationConfig())
 
 
+def test_a_rig_that_is_wrong_is_a_line(rig: Path, tmp_path: Path) -> None:
+    folder = broken_rig(rig, tmp_path)
+    wrong = tmp_path / "wrong"
+    wrong.mkdir()
+    (wrong / "rig.yaml").write_text("semcal_rig: 1\n")
+    done = invoke("audit", folder, wrong, "-o", tmp_path / "audit.html", "--json", "-q")
+    drives = [drive for camera in json.loads(done.stdout)["cameras"] for drive in camera["drives"]]
+    assert {drive["verdict"] for drive in drives} == {"not verified"}
+    assert len(drives) == 3
+    (reason,) = next(drive["reasons"] for drive in drives if drive["drive"] == str(wrong))
+    assert reason.startswith(f"{wrong}/rig.yaml: cameras: ")
+
+
 def test_the_cameras_of_a_rig_are_named(rig: Path, tmp_path: Path) -> None:
     done = invoke("audit", broken_rig(rig, tmp_path), "-o", tmp_path / "audit.html", "--json", "-q")
     assert done.exit_code == 1

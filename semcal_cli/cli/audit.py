@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -70,14 +70,14 @@ def audit(settings: AuditSettings) -> None:
     from semcal_cli.many.batch.records import worst_exit_code
 
     check_page(settings.output)
-    names, rigs = _find_drives(settings.drives)
+    names, rigs, broken = _find_drives(settings.drives)
     documents = _read(names)
     # An argument may be a list of drives. A drive that is wrong is read, too.
     read = [*map(Path, settings.drives), *rigs, *(drive_file(Path(drive)) for drive in names)]
     read += chain.from_iterable(map(files_read, documents.values()))
     check_outputs(read, settings.output, settings.junit)
     with _folder(settings.results) as folder:
-        outcomes = _verify(_tasks(names, folder, settings), folder, settings)
+        outcomes = [*broken, *_verify(_tasks(names, folder, settings), folder, settings)]
         drives = [_audited(outcome, folder) for outcome in outcomes]
     found = group_by_camera(drives, documents, {drive: name for drive, name in names.items() if name})
     report = _report(settings, found)
@@ -96,21 +96,38 @@ def audit(settings: AuditSettings) -> None:
     sys.exit(worst_exit_code(outcome.exit_code for outcome in outcomes))
 
 
-def _find_drives(arguments: tuple[str, ...]) -> tuple[dict[str, str], list[Path]]:
-    """List the drives, each once, with the name of its camera, which only a rig gives it; and the files of the rigs.
+class _Found(NamedTuple):
+    """Drives to audit, each once."""
+
+    names: dict[str, str]
+    """Name of the camera of each drive; empty for a drive of no rig."""
+    rigs: list[Path]
+    """Files of the rigs."""
+    broken: list[Outcome]
+    """Outcomes of the rigs that are wrong."""
+
+
+def _find_drives(arguments: tuple[str, ...]) -> _Found:
+    """Find the drives, also those of rigs.
 
     Raises:
-        InputError: there is no drive, or a rig is wrong.
+        InputError: there is no drive.
     """
-    from semcal_cli.drive.document import drive_file
-    from semcal_cli.many.batch.tasks import find_drives
+    from semcal_cli.drive.document import RIG_FILE, drive_file
+    from semcal_cli.files.input_files import is_folder
+    from semcal_cli.many.batch.tasks import Outcome, find_drives
     from semcal_cli.many.rig.rig_document import find_rig
 
     found: dict[str, tuple[str, str]] = {}
-    rigs = list[Path]()
+    rigs, broken = list[Path](), list[Outcome]()
     for name in find_drives(arguments, sys.stdin):
         # What cannot be read becomes a line of the page.
-        rig = find_rig(Path(name)) if os.access(name, os.R_OK) else None
+        try:
+            rig = find_rig(Path(name)) if os.access(name, os.R_OK) else None
+        except InputError as error:
+            rigs.append(Path(name) / RIG_FILE if is_folder(Path(name)) else Path(name))
+            broken.append(Outcome(drive=name, status="failed", exit_code=1, reasons=(str(error),)))
+            continue
         cameras = {"": name}
         if rig is not None:
             rigs.append(rig.path)
@@ -121,7 +138,7 @@ def _find_drives(arguments: tuple[str, ...]) -> tuple[dict[str, str], list[Path]
             file = os.path.realpath(drive_file(Path(drive)))
             first, named = found.get(file, (drive, ""))
             found[file] = first, named or camera
-    return dict(found.values()), rigs
+    return _Found(dict(found.values()), rigs, broken)
 
 
 def _read(names: dict[str, str]) -> dict[str, Drive]:

@@ -190,7 +190,9 @@ class AuditedCamera:
                 {
                     "drive": drive.name,
                     "stamp": drive.stamp,
-                    **({"verdict": "failed"} if drive.verification is None else drive.verification.document),
+                    **(
+                        {"verdict": drive.word} if drive.verification is None else drive.verification.document
+                    ),
                     "reasons": drive.outcome.reasons,
                 }
                 for drive in self.drives
