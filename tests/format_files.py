@@ -218,7 +218,7 @@ FILES: dict[str, tuple[str, str, FormatOptions]] = {
     ),
     "colmap": (
         "rig_config.json",
-        '[{"cameras": [{"image_prefix": "left/", "ref_sensor": true}, {"image_prefix": "right/", '
+        '[{"cameras": [{"image_prefix": "left/"}, {"image_prefix": "right/", '
         f'"cam_from_rig_rotation": {wxyz(T_ANY)}, "cam_from_rig_translation": {T_ANY[:3, 3].tolist()}}}]}}]',
         FormatOptions(),
     ),

@@ -1,6 +1,7 @@
 """`semcal audit`: which camera is off, in which axis and since which drive, on the page and elsewhere."""
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Sequence
@@ -29,9 +30,11 @@ WIDTHS = [0.01] * 3 + [0.05] * 3
 """Half widths of 95 % intervals far below the limits, metres and degrees."""
 
 
-def audited(name: str, yaw_deg: float, widths: Sequence[float] = WIDTHS, day: int = 0) -> AuditedDrive:
-    """A drive whose delivered calibration is off in yaw alone."""
-    checks = judge([0.0, 0.0, 0.0], [0.0, yaw_deg, 0.0], widths, LIMITS)
+def audited(
+    name: str, yaw_deg: float, widths: Sequence[float] = WIDTHS, day: int = 0, pitch_deg: float = 0.0
+) -> AuditedDrive:
+    """A drive whose delivered calibration is off in yaw, and perhaps in pitch."""
+    checks = judge([0.0, 0.0, 0.0], [pitch_deg, yaw_deg, 0.0], widths, LIMITS)
     smallest = PoseChange(camera_center_m=(0.02,) * 3, rotation_deg=(0.1,) * 3)
     verdict = together(check.verdict for check in checks)
     verification = Verification(verdict, checks, (), (), (), np.eye(4), 0.0, verdict == "fail", smallest)
@@ -62,7 +65,7 @@ def camera_of(*drives: AuditedDrive) -> AuditedCamera:
     ("yaws_deg", "sentence"),
     [
         ((0.0, 0.0, 0.6, 0.6), "holds until b and is off since c, there by 0.600"),
-        ((0.6, 0.0, 0.6, 0.6), "holds until b and is off since c, there by 0.600"),
+        ((0.6, 0.0, 0.6, 0.6), "holds in b and is off since c, there by 0.600"),
         ((0.6, 0.6), "is off in 2 drives of the 2 that show it, first in a by 0.600"),
         ((0.6,), "is off in a by 0.600"),
         ((0.0, 0.6, 0.0), "is off in 1 drive of the 3 that show it, first in b by 0.600"),
@@ -73,9 +76,18 @@ def test_since_when_an_axis_is_off(yaws_deg: tuple[float, ...], sentence: str) -
     (said,) = camera.sentences
     assert said.startswith(f"rotation y {sentence}")
     assert said.endswith("and holds again in c") == (yaws_deg[-1] == 0.0)
+    assert said.endswith("; it was also off in 1 earlier drive") == (yaws_deg[:2] == (0.6, 0.0))
     assert [departure.axis for departure in camera.departures] == [
         "rotation y"
     ]  # and not the total beside it
+
+
+def test_a_total_is_named_where_no_axis_explains_it() -> None:
+    """In the second drive yaw and pitch are each within the limit, and together beyond it."""
+    camera = camera_of(audited("a", 0.6), audited("b", 0.25, pitch_deg=0.25))
+    assert camera.drives[1].verdict == "fail"
+    assert [departure.axis for departure in camera.departures] == ["rotation y", "rotation overall"]
+    assert camera.sentences[1].startswith("rotation is off in 2 drives of the 2 that show it")
 
 
 def test_drives_that_show_nothing_do_not_date_a_departure() -> None:
@@ -162,12 +174,85 @@ def test_cameras_are_told_apart(street: Path, street_truth: Pose, tmp_path: Path
     assert groups == {"camera of a": ["a"], "camera of b": ["b"], "left": ["c", "d", "e"]}
 
 
-def test_the_cameras_of_a_rig_are_named(rig: Path, tmp_path: Path) -> None:
-    """Its drives are broken, so that none is verified for long."""
+@pytest.mark.parametrize("name", ["a", "z"])
+def test_a_drive_without_a_pose_joins_the_only_camera_that_it_may_be_of(
+    name: str, street: Path, street_truth: Pose, tmp_path: Path
+) -> None:
+    """It must not join both cameras of a stereo pair, wherever its name stands."""
+    beside = make_pose((0.0, 0.0, 0.0), (0.54, 0.0, 0.0)) @ street_truth
+    documents = {
+        each: read_drive(copied(street, tmp_path / each, T, 0))
+        for each, T in (("l", street_truth), ("r", beside), (name, street_truth))
+    }
+    documents[name] = documents[name].model_copy(update={"T_camera_lidar": None})
+
+    def groups(*names: str) -> list[list[str]]:
+        found = group_by_camera([audited(each, 0.0) for each in names], documents, {})
+        return sorted(sorted(drive.name for drive in camera.drives) for camera in found.cameras)
+
+    assert groups(*sorted(("l", "r", name))) == sorted([["l"], ["r"], [name]])
+    assert groups(*sorted(("l", name))) == [sorted(("l", name))]
+
+
+def broken_rig(rig: Path, tmp_path: Path) -> Path:
+    """Copy a rig with broken drives, so that none is verified for long."""
     broken = shutil.copytree(rig.parent, tmp_path / "rig")
     for file in broken.glob("*/drive.yaml"):
         file.write_text("semcal_drive: 1\n")
-    done = invoke("audit", broken, "-o", tmp_path / "audit.html", "--json", "-q")
+    return broken
+
+
+def test_a_drive_of_a_rig_is_audited_once(rig: Path, tmp_path: Path) -> None:
+    broken = broken_rig(rig, tmp_path)
+    relative = os.path.relpath(broken)
+    done = invoke("audit", relative, broken / "camera_1", "-o", tmp_path / "audit.html", "--json", "-q")
+    cameras = json.loads(done.stdout)["cameras"]
+    assert [(camera["camera"], len(camera["drives"])) for camera in cameras] == [
+        ("camera_0", 1),
+        ("camera_1", 1),
+    ]
+
+
+@pytest.mark.parametrize("name", ["rig/rig.yaml", "list.txt", "rig/camera_0/drive.yaml", "drive/{image}"])
+def test_nothing_that_is_read_is_overwritten(name: str, rig: Path, street: Path, tmp_path: Path) -> None:
+    broken_rig(rig, tmp_path)
+    shutil.copytree(street, tmp_path / "drive")
+    (tmp_path / "list.txt").write_text(f"{tmp_path / 'rig'}\n{tmp_path / 'drive'}\n")
+    file = tmp_path / name.format(image=read_drive(street).frames[0].image)
+    before = file.read_bytes()
+    done = invoke("audit", tmp_path / "list.txt", "-o", tmp_path / "audit.html", "--junit", file)
+    message = f"{file}: found a file that this run reads or writes; choose another name"
+    assert (str(done.exception), file.read_bytes()) == (message, before)
+
+
+def test_the_page_names_an_image_that_is_missing(street: Path, street_truth: Pose, tmp_path: Path) -> None:
+    documents = {name: read_drive(copied(street, tmp_path / name, street_truth, 0, "front")) for name in "ab"}
+    frames = documents["a"].frames
+    image = documents["a"].resolve(frames[len(frames) // 2].image or "")
+    image.unlink()
+    found = group_by_camera([audited(name, 0.6) for name in "ab"], documents, {})
+    page = audit_page_html(found, documents, LIMITS, CalibrationConfig())
+    assert page.count('<figure id="frame-') == 1
+    assert f"<h3>a</h3>\n  <p>Not shown: {image}: " in page
+    alone = group_by_camera([audited("a", 0.6)], documents, {})
+    assert "Not shown: " in audit_page_html(alone, documents, LIMITS, CalibrationConfig())
+
+
+def test_a_rig_that_is_wrong_is_a_line(rig: Path, tmp_path: Path) -> None:
+    folder = broken_rig(rig, tmp_path)
+    wrong = tmp_path / "wrong"
+    wrong.mkdir()
+    (wrong / "rig.yaml").write_text("semcal_rig: 1\n")
+    done = invoke("audit", folder, wrong, "-o", tmp_path / "audit.html", "--json", "-q")
+    drives = [drive for camera in json.loads(done.stdout)["cameras"] for drive in camera["drives"]]
+    assert {drive["verdict"] for drive in drives} == {"not verified"}
+    assert len(drives) == 3
+    (reason,) = next(drive["reasons"] for drive in drives if drive["drive"] == str(wrong))
+    assert reason.startswith(f"{wrong}/rig.yaml: cameras: ")
+
+
+def test_the_cameras_of_a_rig_are_named(rig: Path, tmp_path: Path) -> None:
+    done = invoke("audit", broken_rig(rig, tmp_path), "-o", tmp_path / "audit.html", "--json", "-q")
     assert done.exit_code == 1
     assert [camera["camera"] for camera in json.loads(done.stdout)["cameras"]] == ["camera_0", "camera_1"]
 

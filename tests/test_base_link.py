@@ -216,7 +216,10 @@ def test_a_matrix_from_the_vehicle_is_set_under_a_key(source: Path, base: Path, 
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        (*BASES["autoware"], "found autoware, in which no frame is the vehicle's; leave out --base"),
+        (
+            *BASES["autoware"],
+            "found autoware, whose file states the pose of the LiDAR itself; leave out --base",
+        ),
         (
             "calib.txt",
             "P0: 1 0 0 0 0 1 0 0 0 0 1 0\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n",
@@ -235,4 +238,5 @@ def test_files_that_no_transform_from_the_vehicle_can_be_set_in(
     file = written(tmp_path, name, text)
     done = invoke("convert", source, "--into", file, "--base", base, "-o", tmp_path / "new")
     assert message in str(done.exception)
+    assert not done.stderr  # where the camera is on its vehicle is said of a transform that was set
     assert not (tmp_path / "new").exists()

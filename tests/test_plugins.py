@@ -380,6 +380,8 @@ def test_a_data_set_has_the_options_that_it_declares(
     assert "No such option '--lidar'" in invoke("import", "failing", *asked).stderr
     with pytest.raises(TypeError, match="reads: found 'lidars', expected lidar or version"):
         importing.reads("lidars")
+    with pytest.raises(TypeError, match="reads: found lidar, lidar, expected each once"):
+        importing.reads("lidar", "lidar")
 
 
 @pytest.mark.parametrize(

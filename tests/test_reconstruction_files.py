@@ -12,6 +12,8 @@ from conftest import edited, make_pose
 
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.colmap import RigCamera, rig_config
 from semcal_cli.formats.format import FormatOptions
@@ -80,6 +82,44 @@ def test_nerfstudio_projects_a_point_as_semcal_does(
         ((u, v),) = core_camera(drive.camera).project(point_camera[None, :3])
         assert written["cx"] + written["fl_x"] * x / -z == pytest.approx(u + HALF_PX, abs=1e-3)
         assert written["cy"] - written["fl_y"] * y / -z == pytest.approx(v + HALF_PX, abs=1e-3)
+
+
+def test_images_below_a_linked_folder_are_found(moving: tuple[Path, list[Pose]], tmp_path: Path) -> None:
+    folder, _ = moving
+    (tmp_path / "far/away").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "far/away")
+    assert export("nerfstudio", folder, folder, "-o", tmp_path / "link/transforms.json").exit_code == 0
+    first = json.loads((tmp_path / "link/transforms.json").read_text())["frames"][0]["file_path"]
+    assert (tmp_path / "link" / first).is_file()
+
+
+@pytest.mark.parametrize("program", ["nerfstudio", "colmap"])
+@pytest.mark.parametrize("name", ["image.png", "-"])
+def test_only_a_json_file_is_written(
+    program: str, name: str, street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("image.png").write_bytes(b"kept")
+    done = export(program, street, street, "-o", name)
+    assert str(done.exception) == f"{name}: found suffix {Path(name).suffix!r}, expected .json"
+    assert Path("image.png").read_bytes() == b"kept"
+
+
+@pytest.mark.parametrize("program", ["nerfstudio", "mcap"])
+def test_a_transform_that_is_not_trusted_is_named(
+    program: str, rig: Path, rig_results: tuple[Result, Path], tmp_path: Path
+) -> None:
+    if program == "mcap":
+        pytest.importorskip("rosbags")
+    doubted = tmp_path / "camera_0.yaml"
+    shutil.copy(rig_results[1] / "camera_0.yaml", doubted)
+    document = read_document(doubted)
+    document |= {"status": "not_trusted", "reasons": ["a reason"], "topics": ["few-scenes"]}
+    doubted.write_text(document_text(document, "yaml"))
+    out = tmp_path / ("out.mcap" if program == "mcap" else "transforms.json")
+    done = export(program, rig.parent / "camera_0", doubted, "-o", out, "--max-frames", 1)
+    assert done.exit_code == 0, done.exception
+    assert f"{doubted}: the transform is not trusted; see its reasons" in done.stderr.splitlines()
 
 
 def test_what_nerfstudio_cannot_hold(moving: tuple[Path, list[Pose]], street: Path, tmp_path: Path) -> None:
@@ -156,6 +196,34 @@ def test_the_command_writes_the_rig(rig: Path, rig_results: tuple[Result, Path],
     assert "--reference: found 'camera_2', expected" in str(wrong.exception)
     alone = export("colmap", rig.parent / "camera_0", results, "-o", out)
     assert "found a drive, expected a rig.yaml" in str(alone.exception)
+
+
+def test_a_rig_without_a_transform_is_refused(
+    rig: Path, rig_results: tuple[Result, Path], tmp_path: Path
+) -> None:
+    results = shutil.copytree(rig_results[1], tmp_path / "results")
+    file = results / "rig_calibration.yaml"
+    document = read_document(file)
+    for camera in document["cameras"]:
+        document["cameras"][camera] = {"status": "failed", "reasons": ["no image"]}
+    file.write_text(document_text(document, "yaml"))
+    done = export("colmap", rig, results, "-o", tmp_path / "rig_config.json")
+    assert str(done.exception) == (
+        f"{results}: found no camera with a transform; camera_0: left out, no image"
+    )
+
+
+def test_a_pose_in_the_frame_of_a_camera_is_not_that_in_the_lidar(tmp_path: Path) -> None:
+    cameras = {name: RigCamera(T, camera_of("plumb_bob", [])) for name, T in (("a", T_FRONT), ("b", T_LEFT))}
+    (rig,) = json.loads(rig_config(cameras, "a"))
+    for camera in rig["cameras"]:
+        del camera["T_camera_lidar"]
+    file = tmp_path / "rig_config.json"
+    file.write_text(json.dumps([rig]))
+    with pytest.raises(
+        InputError, match=r"cameras\[1\]: found a rig whose frame is a camera, not the LiDAR; "
+    ):
+        read_transform(file)
 
 
 def test_a_lens_without_a_name_is_left_out() -> None:

@@ -8,9 +8,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -61,25 +62,24 @@ def audit(settings: AuditSettings) -> None:
 
     Exits with the worst code of any drive (1, then 3, 4, 0).
     """
-    from semcal_cli.cli.outputs import check_outputs, check_page
+    from semcal_cli.cli.outputs import check_outputs, check_page, files_read
     from semcal_cli.drive.document import drive_file
     from semcal_cli.files.output_files import write_text
     from semcal_cli.many.audit.audit_page import audit_page_html
     from semcal_cli.many.audit.audited_drives import group_by_camera
     from semcal_cli.many.batch.records import worst_exit_code
 
-    names = _find_drives(settings.drives)
     check_page(settings.output)
-    check_outputs([drive_file(Path(drive)) for drive in names], settings.output, settings.junit)
+    names, rigs, broken = _find_drives(settings.drives)
     documents = _read(names)
+    # An argument may be a list of drives. A drive that is wrong is read, too.
+    read = [*map(Path, settings.drives), *rigs, *(drive_file(Path(drive)) for drive in names)]
+    read += chain.from_iterable(map(files_read, documents.values()))
+    check_outputs(read, settings.output, settings.junit)
     with _folder(settings.results) as folder:
-        outcomes = _verify(_tasks(names, folder, settings), folder, settings)
+        outcomes = [*broken, *_verify(_tasks(names, folder, settings), folder, settings)]
         drives = [_audited(outcome, folder) for outcome in outcomes]
     found = group_by_camera(drives, documents, {drive: name for drive, name in names.items() if name})
-    terminal, limits = settings.terminal(), Limits(settings.max_rotation_deg, settings.max_translation_m)
-    with terminal:
-        config = CalibrationConfig(cues=settings.cues)
-        write_text(audit_page_html(found, documents, limits, config, terminal.show), settings.output)
     report = _report(settings, found)
     if settings.junit is not None:
         write_text(report.junit(), settings.junit)
@@ -87,30 +87,58 @@ def audit(settings: AuditSettings) -> None:
         click.echo(json.dumps(found.document, allow_nan=False))
     else:
         _print(found)
+    terminal, limits = settings.terminal(), Limits(settings.max_rotation_deg, settings.max_translation_m)
+    with terminal:
+        config = CalibrationConfig(cues=settings.cues)
+        write_text(audit_page_html(found, documents, limits, config, terminal.show), settings.output)
     terminal.print_paths("report", [settings.output])
     report.tell_github()
     sys.exit(worst_exit_code(outcome.exit_code for outcome in outcomes))
 
 
-def _find_drives(arguments: tuple[str, ...]) -> dict[str, str]:
-    """List the drives, and the name of the camera of each drive of a rig; empty for others.
+class _Found(NamedTuple):
+    """Drives to audit, each once."""
+
+    names: dict[str, str]
+    """Name of the camera of each drive; empty for a drive of no rig."""
+    rigs: list[Path]
+    """Files of the rigs."""
+    broken: list[Outcome]
+    """Outcomes of the rigs that are wrong."""
+
+
+def _find_drives(arguments: tuple[str, ...]) -> _Found:
+    """Find the drives, also those of rigs.
 
     Raises:
-        InputError: there is no drive, or a rig is wrong.
+        InputError: there is no drive.
     """
-    from semcal_cli.many.batch.tasks import find_drives
+    from semcal_cli.drive.document import RIG_FILE, drive_file
+    from semcal_cli.files.input_files import is_folder
+    from semcal_cli.many.batch.tasks import Outcome, find_drives
     from semcal_cli.many.rig.rig_document import find_rig
 
-    names: dict[str, str] = {}
+    found: dict[str, tuple[str, str]] = {}
+    rigs, broken = list[Path](), list[Outcome]()
     for name in find_drives(arguments, sys.stdin):
         # What cannot be read becomes a line of the page.
-        rig = find_rig(Path(name)) if os.access(name, os.R_OK) else None
-        if rig is None:
-            names.setdefault(name, "")
+        try:
+            rig = find_rig(Path(name)) if os.access(name, os.R_OK) else None
+        except InputError as error:
+            rigs.append(Path(name) / RIG_FILE if is_folder(Path(name)) else Path(name))
+            broken.append(Outcome(drive=name, status="failed", exit_code=1, reasons=(str(error),)))
             continue
-        for camera, drive in rig.cameras.items():
-            names[os.path.normpath(rig.path.parent / drive)] = camera
-    return names
+        cameras = {"": name}
+        if rig is not None:
+            rigs.append(rig.path)
+            cameras = {
+                camera: os.path.normpath(rig.path.parent / drive) for camera, drive in rig.cameras.items()
+            }
+        for camera, drive in cameras.items():
+            file = os.path.realpath(drive_file(Path(drive)))
+            first, named = found.get(file, (drive, ""))
+            found[file] = first, named or camera
+    return _Found(dict(found.values()), rigs, broken)
 
 
 def _read(names: dict[str, str]) -> dict[str, Drive]:

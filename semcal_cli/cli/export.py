@@ -125,6 +125,17 @@ def mcap(settings: McapSettings) -> None:
         unknown = "the drive states no times of all sweeps and images: frames are a second apart"
         terminal.print(*wrapped("note:", unknown, indent=6))
     terminal.print(*wrapped("", f"wrote {output}: {counted(len(drive.frames), 'frame')}", indent=0))
+    terminal.print(*extrinsic.warnings)
+
+
+def _check_json(path: Path) -> None:
+    """Check the suffix of a file for another program.
+
+    Raises:
+        InputError: it is not .json.
+    """
+    if path.suffix.lower() != ".json":
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +166,7 @@ def nerfstudio(settings: NerfstudioSettings) -> None:
     from semcal_cli.observations.frame_selection import with_few_frames
     from semcal_cli.result.applied import apply_result
 
+    _check_json(settings.output)
     whole, output = read_drive(settings.drive, settings.max_points), settings.output
     check_outputs(files_read(whole, settings.calibration), output)
     extrinsic = read_reference(settings.calibration, settings.reference_direction)
@@ -163,7 +175,7 @@ def nerfstudio(settings: NerfstudioSettings) -> None:
     terminal.print_changes(applied.changes)
     drive = with_few_frames(applied.drive, settings.max_frames or len(whole.frames))
     write_bytes(transforms_json(drive, extrinsic.T_camera_lidar, output), output)
-    terminal.print(f"wrote {output}: {counted(len(drive.frames), 'image')}")
+    terminal.print(f"wrote {output}: {counted(len(drive.frames), 'image')}", *extrinsic.warnings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,6 +207,7 @@ def colmap(settings: ColmapSettings) -> None:
     from semcal_cli.many.rig.rig_document import find_rig
     from semcal_cli.many.rig.rig_result import read_rig_files
 
+    _check_json(settings.output)
     rig, terminal = find_rig(settings.drive), settings.terminal()
     if rig is None:
         raise InputError(
@@ -203,10 +216,12 @@ def colmap(settings: ColmapSettings) -> None:
     result, drives, read = read_rig_files(rig, settings.results, settings.max_points)
     check_outputs(read, settings.output)
     cameras = {name: RigCamera(record.pose, drives[name].camera) for name, record in result.cameras.items()}
+    notes = [f"{name}: left out, {error}" for name, error in result.failures.items()]
+    if not cameras:
+        raise InputError(f"{settings.results}: found no camera with a transform; {notes[0]}")
     reference = settings.reference or next(iter(cameras))
     if reference not in cameras:
         raise InputError(f"--reference: found {reference!r}, expected {one_of(reference, cameras)}")
-    notes = [f"{name}: left out, {error}" for name, error in result.failures.items()]
     notes += [
         f"{name}: not trusted, see its reasons"
         for name, record in result.cameras.items()

@@ -244,13 +244,13 @@ def convert(
     written = write_options or FormatOptions()
     if find_format(to).has_transform:
         extrinsic = read_extrinsic(source, from_format, read_options)
-        record = extrinsic.record
+        warnings = extrinsic.warnings
     else:
         _check_options(semcal.FORMAT, read_options or FormatOptions())
         content = Source.read(drive_file(source))
         if not semcal.FORMAT.recognises(content):
             _check_form(content)
-        extrinsic, record = Extrinsic(np.eye(4), content, ()), None
+        extrinsic, warnings = Extrinsic(np.eye(4), content, ()), []
         if extrinsic.camera is None or from_format not in (None, semcal.FORMAT.name):
             raise InputError(
                 f"{source}: found no camera, expected a semcal calibration or a drive: --to {to} writes intrinsics"
@@ -263,14 +263,15 @@ def convert(
     )
     if base is not None:
         written = replace(written, base=_read_base(base, base_direction, base_frame, written))
-        _note_base(extrinsic.T_camera_lidar, written)
     if path is not None and path.is_file() and descriptor(path) is None and not replaces:
         made = write_transform(extrinsic.T_camera_lidar, None, to, replace(written, on_note=None))
         if _without_numbers(read_bytes(path)) != _without_numbers(made):
             raise OccupiedError(f"{path}: found a file that holds something else than a transform of {to}")
+    for line in _notes_of_base(extrinsic.T_camera_lidar, written):
+        written.note(line)
     text = write_transform(extrinsic.T_camera_lidar, path, to, written)
-    if record is not None and record.status == "not_trusted":
-        written.note(f"{source}: the transform is not trusted; see its reasons")
+    for line in warnings:
+        written.note(line)
     return text
 
 
@@ -280,11 +281,12 @@ def _read_base(path: Path, direction: BaseDirection | None, name: str | None, wr
     return base_link.read_base(path, direction=direction, name=name, lidar=written.lidar, recorded=recorded)
 
 
-def _note_base(T_camera_lidar: Pose, written: FormatOptions) -> None:
-    """Describe where the camera is on its vehicle."""
-    assert written.base is not None
+def _notes_of_base(T_camera_lidar: Pose, written: FormatOptions) -> list[str]:
+    """Describe where the camera is on its vehicle, if the transform is from there."""
+    if written.base is None:
+        return []
     _, _, camera = name_frames(T_camera_lidar, written)
-    written.note(base_link.describe_pose(T_camera_lidar, written.base, camera))
+    return [base_link.describe_pose(T_camera_lidar, written.base, camera)]
 
 
 def _without_numbers(content: bytes) -> bytes:
@@ -342,12 +344,12 @@ def set_in_file(
         content = insertion.set_transform(extrinsic.T_camera_lidar, into, format, key, options)
     else:
         options = replace(options, base=_read_base(base, base_direction, base_frame, options))
-        _note_base(extrinsic.T_camera_lidar, options)
         content = insertion.set_on_base(extrinsic.T_camera_lidar, into, format, key, options)
+    notes = [*_notes_of_base(extrinsic.T_camera_lidar, options), *extrinsic.warnings]
     if path is not None:
         write_bytes(content, path)
-    if extrinsic.record is not None and extrinsic.record.status == "not_trusted":
-        options.note(f"{source}: the transform is not trusted; see its reasons")
+    for line in notes:
+        options.note(line)
     return content
 
 

@@ -22,6 +22,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 
 ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"
+REFERENCE = "ref_sensor"
 FROM_LIDAR = "T_camera_lidar"
 IN_RIG: PoseNotation = NumbersNotation({ROTATION: WXYZ, TRANSLATION: XYZ})
 IN_LIDAR: PoseNotation = MatrixNotation(FROM_LIDAR)
@@ -60,7 +61,7 @@ def rig_config(
     for name, (T_camera_lidar, camera) in cameras.items():
         entry: dict[str, Any] = {NAME: f"{name}/"}
         if name == reference:
-            entry["ref_sensor"] = True
+            entry[REFERENCE] = True
         else:
             IN_RIG.put(entry, T_camera_lidar @ T_lidar_rig)
         try:
@@ -69,7 +70,7 @@ def rig_config(
             on_note(f"{error}: the camera is written without intrinsics")
         IN_LIDAR.put(entry, T_camera_lidar)
         entries.append(entry)
-    entries.sort(key=lambda entry: "ref_sensor" not in entry)
+    entries.sort(key=lambda entry: REFERENCE not in entry)
     return (json.dumps([{"cameras": entries}], indent=2) + "\n").encode()
 
 
@@ -88,25 +89,33 @@ def _lens(name: str, camera: Camera) -> dict[str, Any]:
     return {"camera_model_name": model, "camera_params": [*pixels_from_corner(name, camera), *coefficients]}
 
 
-def _rig_cameras(rigs: Node) -> list[Node]:
-    """List the cameras of all rigs that have a pose."""
+def _rig_cameras(rigs: Node) -> list[tuple[Node, bool]]:
+    """List the cameras of all rigs that have a pose, and whether the frame of their rig is a camera's."""
     entries = []
     for index, rig in enumerate(rigs.value if isinstance(rigs.value, list) else []):
-        cameras = rig.get("cameras") if isinstance(rig, dict) else None
-        for number, camera in enumerate(cameras if isinstance(cameras, list) else []):
+        value = rig.get("cameras") if isinstance(rig, dict) else None
+        cameras = value if isinstance(value, list) else []
+        is_of_camera = any(isinstance(camera, dict) and camera.get(REFERENCE) is True for camera in cameras)
+        for number, camera in enumerate(cameras):
             if isinstance(camera, dict) and camera.keys() & {ROTATION, FROM_LIDAR}:
-                entries.append(rigs.child(index, rig).child("cameras", cameras).child(number, camera))
+                node = rigs.child(index, rig).child("cameras", cameras).child(number, camera)
+                entries.append((node, is_of_camera))
     return entries
 
 
 def _find_rig_camera(document: Node, options: FormatOptions) -> Node:
     cameras = _rig_cameras(document)
-    matches = [camera for camera in cameras if options.camera in (None, camera.value.get(NAME))]
+    matches = [each for each in cameras if options.camera in (None, each[0].value.get(NAME))]
     if len(matches) != 1:
-        names = listed(camera.value.get(NAME) for camera in cameras)
+        names = listed(camera.value.get(NAME) for camera, _ in cameras)
         needed = f"add --camera with the {NAME} of one of them"
         raise InputError(f"{document.where}: found cameras {names}; {needed}")
-    return matches[0]
+    ((camera, is_of_camera),) = matches
+    if is_of_camera and FROM_LIDAR not in camera.value:
+        raise InputError(
+            f"{camera.where}: found a rig whose frame is a camera, not the LiDAR; expected {FROM_LIDAR}, too"
+        )
+    return camera
 
 
 class _PoseInRig:

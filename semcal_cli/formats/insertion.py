@@ -129,9 +129,10 @@ def set_on_base(
     base = options.base
     assert base is not None
     if format is not None and (format.edit is None or "lidar" not in format.asks):
-        raise InputError(
-            f"{source.path}: found {format.name}, in which no frame is the vehicle's; leave out --base"
-        )
+        why = "in which no frame is the vehicle's"
+        if format.set_camera is not None:
+            why = "whose file states the pose of the LiDAR itself"
+        raise InputError(f"{source.path}: found {format.name}, {why}; leave out --base")
     frames = FrameIds(camera=None if options.frame_ids is None else options.frame_ids.camera)
     named = replace(options, base=None, lidar=base.name, frame_ids=frames)
     try:

@@ -47,9 +47,10 @@ def transforms_json(drive: Drive, T_camera_lidar: Pose, path: Path) -> bytes:
     for frame, T_world_lidar in zip(drive.frames, _poses(drive), strict=True):
         if frame.image is None:
             raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, expected an image")
-        image = os.path.relpath(drive.resolve(frame.image), path.absolute().parent)
+        # Below a linked folder, .. leads out of the folder that is linked.
+        image = os.path.relpath(drive.resolve(frame.image).resolve(), path.parent.resolve())
         matrix = rounded(T_world_lidar @ T_lidar_opengl)
-        frames.append({"file_path": image, "transform_matrix": matrix})
+        frames.append({"file_path": Path(image).as_posix(), "transform_matrix": matrix})
     return (json.dumps(lens | {"frames": frames}, indent=2) + "\n").encode()
 
 

@@ -90,6 +90,13 @@ class Extrinsic:
             return None
         return validate(CalibrationDocument, self.source.document, self.source.path)
 
+    @property
+    def warnings(self) -> list[str]:
+        """A line that says that the transform is not trusted; none if nothing speaks against it."""
+        if self.record is None or self.record.status != "not_trusted":
+            return []
+        return [f"{self.source.path}: the transform is not trusted; see its reasons"]
+
     @cached_property
     def half_widths(self) -> tuple[float, ...] | None:
         """Half widths (6,) of the 95 % intervals, metres and degrees; None if they are unknown or not believed."""

@@ -11,7 +11,7 @@ from importlib import import_module
 from types import FunctionType
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from semcal_cli.errors import InputError, describe, one_of
+from semcal_cli.errors import InputError, describe, listed, one_of
 from semcal_cli.plugins import Plugins
 
 if TYPE_CHECKING:
@@ -125,10 +125,12 @@ def reads(*options: str) -> Callable[[Reader], Reader]:
     `semcal import` then has these options for this data set. They are kept in `request_options` of the function.
 
     Raises:
-        TypeError: there is no such option.
+        TypeError: there is no such option, or it is named twice.
     """
     if unknown := [option for option in options if option not in OWN_OPTIONS]:
         raise TypeError(f"reads: found {describe(unknown[0])}, expected {' or '.join(OWN_OPTIONS)}")
+    if len({*options}) < len(options):
+        raise TypeError(f"reads: found {listed(options)}, expected each once")
 
     def declare(read: Reader) -> Reader:
         read.request_options = options  # type: ignore[attr-defined]

@@ -7,9 +7,10 @@ from datetime import datetime, timezone
 
 from semcal_cli.config import CalibrationConfig, Limits
 from semcal_cli.drive.document import Drive
+from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.formats import read_transform
-from semcal_cli.many.audit.audited_drives import NOT_VERIFIED, Audit, AuditedDrive
+from semcal_cli.many.audit.audited_drives import AXES_OF, NOT_VERIFIED, PARTS, Audit, AuditedDrive
 from semcal_cli.many.chronology import has_date
 from semcal_cli.observations.frame_selection import with_frames
 from semcal_cli.pipeline.verdict import AxisVerdict
@@ -41,14 +42,17 @@ def audit_page_html(
         config: Cues by which the drives were verified.
         progress: Called with a description of each step.
 
-    Raises:
-        InputError: an image of a drive whose calibration is off is missing or wrong.
+    Returns:
+        The page. A line says why the image of a drive is missing.
     """
     failed = [drive for drive in audit.drives if drive.verdict == "fail"]
-    pictures = list[page.DrivePicture]()
-    for number, drive in enumerate(failed[:MAX_PICTURES]):
+    pictures, errors = list[page.DrivePicture](), dict[str, str]()
+    for drive in failed[:MAX_PICTURES]:
         progress(f"drawing points on an image of {drive.name}")
-        pictures.append(_draw(drive, documents[drive.name], config, number))
+        try:
+            pictures.append(_draw(drive, documents[drive.name], config, len(pictures)))
+        except SemcalError as error:
+            errors[drive.name] = str(error)
     return render_page(
         "many/audit/page.html",
         ("report/image.js", "report/images.js") if pictures else (),
@@ -64,7 +68,8 @@ def audit_page_html(
         shown=_shown_from,
         link_reasons=link_reasons,
         pictures=pictures,
-        num_undrawn=len(failed) - len(pictures),
+        errors=errors,
+        num_undrawn=len(failed[MAX_PICTURES:]),
         colors=page.common_colors(pictures) if pictures else None,
     )
 
@@ -79,10 +84,10 @@ def _draw(drive: AuditedDrive, document: Drive, config: CalibrationConfig, numbe
 
 def _columns() -> Iterator[tuple[str, str]]:
     """Head the columns of the checks, in the order of `judge`, each with its class."""
-    for part, unit in (("camera centre", "cm"), ("rotation", "degrees")):
-        for axis in "xyz":
-            meaning = CHECK_NAMES[f"{part} {axis}"].partition(" (")[0]
-            yield f"{part} {axis}: {meaning}, {unit}", "n"
+    for part, axes, unit in zip(PARTS, AXES_OF.values(), ("cm", "degrees"), strict=True):
+        for axis in axes:
+            meaning = CHECK_NAMES[axis].partition(" (")[0]
+            yield f"{axis}: {meaning}, {unit}", "n"
         yield f"{part}, {unit}", "n"
 
 

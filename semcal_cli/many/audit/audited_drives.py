@@ -21,6 +21,10 @@ from semcal_cli.result.provenance import camera_hash
 
 NOT_VERIFIED = "not verified"
 """Word for a drive without a verdict."""
+PARTS = ("camera centre", "rotation")
+"""Names of what is judged axis by axis and in total."""
+AXES_OF = {f"{part}{OVERALL}": tuple(f"{part} {axis}" for axis in "xyz") for part in PARTS}
+"""Names of the checks of the axes of each total."""
 NEAR_DEG, NEAR_M = 15.0, 0.3
 """Largest rotation and distance between the delivered poses of a camera without a name: both cameras of a stereo pair
 are farther apart, and no calibration is that wrong for long."""
@@ -110,7 +114,11 @@ class Departure:
         if self.before is None:
             first = f"{where}, first in" if len(self.drives) > 1 else "in"
             return f"{name} is off {first} {self.since.name} {off}"
-        return f"{name} holds until {self.before.name} and is off since {self.since.name}, there {off}"
+        since = f"{self.before.name} and is off since {self.since.name}, there {off}"
+        num_earlier = sum(drive in self.failing for drive in self.drives[: self.drives.index(self.since)])
+        if num_earlier:
+            return f"{name} holds in {since}; it was also off in {counted(num_earlier, 'earlier drive')}"
+        return f"{name} holds until {since}"
 
     @property
     def document(self) -> dict[str, Any]:
@@ -142,15 +150,17 @@ class AuditedCamera:
 
     @cached_property
     def departures(self) -> tuple[Departure, ...]:
-        """Axes that are off; that of a total only where no axis of it is off."""
+        """Axes that are off, and totals that are off in a drive in which none of their axes is."""
         by_axis: dict[str, list[AuditedDrive]] = {}
         for drive in self.drives:
             for axis in drive.judged:
                 by_axis.setdefault(axis, []).append(drive)
-        departures = [Departure(axis, tuple(drives)) for axis, drives in by_axis.items()]
-        departures = [departure for departure in departures if departure.failing]
-        totals = {f"{departure.axis[:-2]}{OVERALL}" for departure in departures}
-        return tuple(departure for departure in departures if departure.axis not in totals)
+        departures = {axis: Departure(axis, tuple(drives)) for axis, drives in by_axis.items()}
+        failing = {axis: set(departure.failing) for axis, departure in departures.items()}
+        for total, axes in AXES_OF.items():
+            if failing.get(total, set()) <= set().union(*(failing.get(axis, ()) for axis in axes)):
+                failing[total] = set()
+        return tuple(departure for axis, departure in departures.items() if failing[axis])
 
     @property
     def sentences(self) -> list[str]:
@@ -180,7 +190,9 @@ class AuditedCamera:
                 {
                     "drive": drive.name,
                     "stamp": drive.stamp,
-                    **({"verdict": "failed"} if drive.verification is None else drive.verification.document),
+                    **(
+                        {"verdict": drive.word} if drive.verification is None else drive.verification.document
+                    ),
                     "reasons": drive.outcome.reasons,
                 }
                 for drive in self.drives
@@ -274,7 +286,8 @@ def group_by_camera(
     """Group drives by camera.
 
     Drives belong to one camera if a rig or their `frame_ids` name it alike, or else if they state the same intrinsics
-    and nearly the same pose.
+    and nearly the same pose. A drive without a pose belongs to the only camera of its intrinsics, if there is one, or
+    else is a camera of its own.
 
     Args:
         drives: The drives.
@@ -282,13 +295,15 @@ def group_by_camera(
         names: Name of the camera of each drive of a rig, by the name of the drive.
     """
     groups: list[tuple[_Camera, list[AuditedDrive]]] = []
-    for drive in drives:
-        camera = _camera_of(documents.get(drive.name), names.get(drive.name, ""))
-        members = next((members for other, members in groups if camera.is_same(other)), None)
-        if members is None:
-            groups.append((camera, [drive]))
+    of_drives = [
+        (_camera_of(documents.get(drive.name), names.get(drive.name, "")), drive) for drive in drives
+    ]
+    for camera, drive in sorted(of_drives, key=lambda of_drive: of_drive[0].T_camera_lidar is None):
+        fitting = [members for other, members in groups if camera.is_same(other)]
+        if len(fitting) == 1 or (fitting and camera.T_camera_lidar is not None):
+            fitting[0].append(drive)
         else:
-            members.append(drive)
+            groups.append((camera, [drive]))
     cameras = []
     for camera, members in groups:
         ordered, order = in_order(members)
