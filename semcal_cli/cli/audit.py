@@ -79,24 +79,24 @@ def audit(settings: AuditSettings) -> None:
     with _folder(settings.results) as folder:
         outcomes = [*broken, *_verify(_tasks(names, folder, settings), folder, settings)]
         drives = [_audited(outcome, folder) for outcome in outcomes]
-    found = group_by_camera(drives, documents, {drive: name for drive, name in names.items() if name})
-    report = _report(settings, found)
+    audited = group_by_camera(drives, documents, {drive: name for drive, name in names.items() if name})
+    report = _report(settings, audited)
     if settings.junit is not None:
         write_text(report.junit(), settings.junit)
     if settings.as_json:
-        click.echo(json.dumps(found.document, allow_nan=False))
+        click.echo(json.dumps(audited.document, allow_nan=False))
     else:
-        _print(found)
+        _print(audited)
     terminal, limits = settings.terminal(), Limits(settings.max_rotation_deg, settings.max_translation_m)
     with terminal:
         config = CalibrationConfig(cues=settings.cues)
-        write_text(audit_page_html(found, documents, limits, config, terminal.show), settings.output)
+        write_text(audit_page_html(audited, documents, limits, config, terminal.show), settings.output)
     terminal.print_paths("report", [settings.output])
     report.tell_github()
     sys.exit(worst_exit_code(outcome.exit_code for outcome in outcomes))
 
 
-class _Found(NamedTuple):
+class _Chosen(NamedTuple):
     """Drives to audit, each once."""
 
     names: dict[str, str]
@@ -107,7 +107,7 @@ class _Found(NamedTuple):
     """Outcomes of the rigs that are wrong."""
 
 
-def _find_drives(arguments: tuple[str, ...]) -> _Found:
+def _find_drives(arguments: tuple[str, ...]) -> _Chosen:
     """Find the drives, also those of rigs.
 
     Raises:
@@ -118,7 +118,7 @@ def _find_drives(arguments: tuple[str, ...]) -> _Found:
     from semcal_cli.many.batch.tasks import Outcome, find_drives
     from semcal_cli.many.rig.rig_document import find_rig
 
-    found: dict[str, tuple[str, str]] = {}
+    by_file: dict[str, tuple[str, str]] = {}
     rigs, broken = list[Path](), list[Outcome]()
     for name in find_drives(arguments, sys.stdin):
         # What cannot be read becomes a line of the page.
@@ -136,9 +136,9 @@ def _find_drives(arguments: tuple[str, ...]) -> _Found:
             }
         for camera, drive in cameras.items():
             file = os.path.realpath(drive_file(Path(drive)))
-            first, named = found.get(file, (drive, ""))
-            found[file] = first, named or camera
-    return _Found(dict(found.values()), rigs, broken)
+            first, named = by_file.get(file, (drive, ""))
+            by_file[file] = first, named or camera
+    return _Chosen(dict(by_file.values()), rigs, broken)
 
 
 def _read(names: dict[str, str]) -> dict[str, Drive]:
@@ -211,13 +211,13 @@ def _audited(outcome: Outcome, folder: Path) -> AuditedDrive:
     return AuditedDrive(outcome, Verification.of_document(read_document(folder / outcome.result)))
 
 
-def _report(settings: AuditSettings, found: Audit) -> CiReport:
+def _report(settings: AuditSettings, audited: Audit) -> CiReport:
     """Make a test case of each drive; one that could not be verified counts as failed."""
     cases = [
         Case(drive.name, "fail" if drive.verification is None else drive.verdict, _figures(drive))
-        for drive in found.drives
+        for drive in audited.drives
     ]
-    return CiReport("audit", str(settings.output), found.verdict, cases)
+    return CiReport("audit", str(settings.output), audited.verdict, cases)
 
 
 def _figures(drive: AuditedDrive) -> str:
@@ -229,15 +229,15 @@ def _figures(drive: AuditedDrive) -> str:
     return "; ".join(drive.outcome.reasons[:1])
 
 
-def _print(found: Audit) -> None:
+def _print(audited: Audit) -> None:
     """Print the verdict, and then what is known of each camera and its drives."""
     from semcal_cli.cli.tables import verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.readable import for_people
 
     console = make_console(stderr=False)
-    console.print(verdict_line(found.verdict, found.title), style=COLORS[found.verdict], markup=False)
-    for camera in found.cameras:
+    console.print(verdict_line(audited.verdict, audited.title), style=COLORS[audited.verdict], markup=False)
+    for camera in audited.cameras:
         rows = [(camera.verdict, camera.name), *(("", sentence) for sentence in camera.sentences)]
         rows += [(f"  {drive.word}", f"{drive.name}: {_figures(drive)}") for drive in camera.drives]
         for row in rows:

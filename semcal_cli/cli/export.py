@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,6 +14,11 @@ from semcal_cli.cli.options import DriveSettings, reference_direction
 from semcal_cli.cli.settings import KNOWN_TRANSFORMS, SettingsCommand, argument, option
 from semcal_cli.config.directions import Direction
 from semcal_cli.errors import InputError, check_installed, counted, one_of
+
+if TYPE_CHECKING:
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.document import Drive
+    from semcal_cli.formats.semcal import Extrinsic
 
 
 @click.group()
@@ -98,26 +104,14 @@ class McapSettings(DriveSettings):
 )
 def mcap(settings: McapSettings) -> None:
     """Write a recording of ROS 2."""
-    from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.formats import read_reference
-    from semcal_cli.observations.frame_selection import with_few_frames
-    from semcal_cli.result.applied import apply_result
 
     for package in ("rosbags", "mcap"):
         check_installed("semcal export mcap", package, "bag")
     from semcal_cli.formats.ros2_recording import has_stamps, write_recording
 
-    whole, output = read_drive(settings.drive, settings.max_points), settings.output
-    check_outputs(files_read(whole, settings.calibration), output)
-    extrinsic = read_reference(settings.calibration, settings.reference_direction)
-    applied = apply_result(extrinsic.record, whole, str(settings.calibration))
-    terminal = settings.terminal()
-    terminal.print_changes(applied.changes)
-    drive = applied.drive
-    if settings.max_frames is not None:
-        drive = with_few_frames(drive, settings.max_frames)
+    terminal, output = settings.terminal(), settings.output
+    drive, extrinsic = _read_with_transform(settings, terminal)
     with terminal:
         terminal.show("reading frames")
         write_recording(drive, extrinsic.T_camera_lidar, output)
@@ -126,6 +120,24 @@ def mcap(settings: McapSettings) -> None:
         terminal.print(*wrapped("note:", unknown, indent=6))
     terminal.print(*wrapped("", f"wrote {output}: {counted(len(drive.frames), 'frame')}", indent=0))
     terminal.print(*extrinsic.warnings)
+
+
+def _read_with_transform(
+    settings: McapSettings | NerfstudioSettings, terminal: Terminal
+) -> tuple[Drive, Extrinsic]:
+    """Read the frames to write, as the camera of a transform sees them, and the transform."""
+    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.formats import read_reference
+    from semcal_cli.observations.frame_selection import with_few_frames
+    from semcal_cli.result.applied import apply_result
+
+    whole = read_drive(settings.drive, settings.max_points)
+    check_outputs(files_read(whole, settings.calibration), settings.output)
+    extrinsic = read_reference(settings.calibration, settings.reference_direction)
+    applied = apply_result(extrinsic.record, whole, str(settings.calibration))
+    terminal.print_changes(applied.changes)
+    return with_few_frames(applied.drive, settings.max_frames or len(whole.frames)), extrinsic
 
 
 def _check_json(path: Path) -> None:
@@ -158,22 +170,12 @@ class NerfstudioSettings(DriveSettings):
 )
 def nerfstudio(settings: NerfstudioSettings) -> None:
     """Write a transforms.json."""
-    from semcal_cli.cli.outputs import check_outputs, files_read
-    from semcal_cli.drive.document import read_drive
     from semcal_cli.files.output_files import write_bytes
-    from semcal_cli.formats import read_reference
     from semcal_cli.formats.nerfstudio import transforms_json
-    from semcal_cli.observations.frame_selection import with_few_frames
-    from semcal_cli.result.applied import apply_result
 
     _check_json(settings.output)
-    whole, output = read_drive(settings.drive, settings.max_points), settings.output
-    check_outputs(files_read(whole, settings.calibration), output)
-    extrinsic = read_reference(settings.calibration, settings.reference_direction)
-    applied = apply_result(extrinsic.record, whole, str(settings.calibration))
-    terminal = settings.terminal()
-    terminal.print_changes(applied.changes)
-    drive = with_few_frames(applied.drive, settings.max_frames or len(whole.frames))
+    terminal, output = settings.terminal(), settings.output
+    drive, extrinsic = _read_with_transform(settings, terminal)
     write_bytes(transforms_json(drive, extrinsic.T_camera_lidar, output), output)
     terminal.print(f"wrote {output}: {counted(len(drive.frames), 'image')}", *extrinsic.warnings)
 

@@ -27,6 +27,10 @@ MAX_FACING_SEAM = 0.0
 """Largest cosine of the angle between the view and the seam. On either side of a seam, points are a turn apart, and no
 side of it may be in the image."""
 
+MOMENT_SIGMA_S = 0.004
+"""Standard deviation of the moment of the images where the drive states none: the LiDAR of KITTI makes the cameras
+expose 3.7 ms after it faces forward (`tests/benchmarks/spin.py`)."""
+
 
 class Skew(NamedTuple):
     """How the sweeps of a drive are skewed by a speed along the view of its camera."""
@@ -36,6 +40,8 @@ class Skew(NamedTuple):
     """(3,) direction in which the camera looks, across the axis of the spin, LiDAR frame."""
     moments_s: tuple[float, ...]
     """Moment of the image of each frame, or of all frames alike, on the clock of the spin's times, seconds."""
+    moment_sigma_s: float = MOMENT_SIGMA_S
+    """Standard deviation of the moments, seconds."""
 
     @classmethod
     def of(cls, drive: Drive, T_camera_lidar: Pose) -> Skew | None:
@@ -61,7 +67,13 @@ class Skew(NamedTuple):
             else frame.image_stamp - frame.points_stamp
             for frame in drive.frames
         ]
-        return cls(spin, view, tuple(moment_s + drive.time_offset_s for moment_s in moments_s))
+        is_stated = "time_offset_sigma_s" in drive.model_fields_set
+        return cls(
+            spin,
+            view,
+            tuple(moment_s + drive.time_offset_s for moment_s in moments_s),
+            drive.time_offset_sigma_s if is_stated else MOMENT_SIGMA_S,
+        )
 
     @classmethod
     def undone(

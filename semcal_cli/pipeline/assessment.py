@@ -24,7 +24,7 @@ from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import K_ENTRIES, sigma_of
 from semcal_cli.errors import counted
 from semcal_cli.estimation.adjust.clock import KNOW_MOTION, ClockUncertainty, notes_on_clock
-from semcal_cli.estimation.adjust.intrinsics_estimate import estimate_intrinsics
+from semcal_cli.estimation.adjust.intrinsics_estimate import IntrinsicsEstimate, estimate_intrinsics
 from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
 from semcal_cli.estimation.uncertainty.covariance import (
     estimate_uncertainty,
@@ -42,9 +42,8 @@ from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.findings.symptoms import OF_A_LOST_POSE
-from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.observations.loading import LoadedDrive
-from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
@@ -166,17 +165,22 @@ class _AssessedPose:
         """Gain (6, 6) from a twist of the labels' optimum to one of the pose; None where they are the same."""
         return None if self.stages.fused is None else self.stages.fused.label_gain
 
-    @property
-    def tests_intrinsics_at(self) -> tuple[Observations, Pose]:
-        """Observations and the pose (4, 4) by which the intrinsics are tested.
+    def tested_intrinsics(self) -> IntrinsicsEstimate | None:
+        """Estimate the intrinsics to test them; None if the frames determine none.
 
         A speed looks like an error of cx: on KITTI raw, -10 m/s in place of 7 hide a cx that is 20 pixels off.
         """
         deskewed = self.stages.deskewed
         if deskewed is None or not self.stages.is_deskewed:
-            return self.data.checked_by, self.stages.T_camera_lidar
-        observations, T_camera_lidar = deskewed.for_intrinsics
-        return replace(self.data, observations=observations).checked_by, T_camera_lidar
+            observations, T = self.data.checked_by, self.stages.T_camera_lidar
+            around = (
+                self.around if observations is self.data.observations else around_intrinsics(observations, T)
+            )
+        else:
+            seen, T = deskewed.for_intrinsics()
+            observations = replace(self.data, observations=seen).checked_by
+            around = around_intrinsics(observations, T)
+        return estimate_intrinsics(observations, T, around)
 
     @cached_property
     def around(self) -> Sensitivity | None:
@@ -232,8 +236,6 @@ def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -
     data, T, with_priors = pose.data, pose.stages.T_camera_lidar, pose.stages.fused is not None
     of_checks, camera, budget = data.checked_by, data.observations.camera, pose.budget
     cost = None if pose.shift is None else intrinsics_cost(pose.shift, camera)
-    of_K, T_of_K = pose.tests_intrinsics_at
-    around = pose.around if of_K is data.observations else around_intrinsics(of_K, T_of_K)
     # While one check runs Python code, the core works on another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, pose)
@@ -250,7 +252,7 @@ def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -
         on_event(Progress("assessing", len(started) + 1, len(started) + 2))
         # Where the pose itself is wrong, its surroundings say nothing about K.
         is_lost = any(finding.topic in OF_A_LOST_POSE for finding in findings_among(consistency))
-        tested = check_intrinsics(None if is_lost else estimate_intrinsics(of_K, T_of_K, around), camera)
+        tested = check_intrinsics(None if is_lost else pose.tested_intrinsics(), camera)
         assessment = frames.with_measured(
             *consistency,
             *rivals,

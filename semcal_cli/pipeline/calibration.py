@@ -28,7 +28,7 @@ from semcal_cli.config import (
 from semcal_cli.drive.camera import check_intrinsics
 from semcal_cli.errors import CalibrationError, InputError, counted, name_in_errors
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
-from semcal_cli.estimation.adjust.deskewed import MOMENT_SIGMA_S, deskew
+from semcal_cli.estimation.adjust.deskewed import deskew
 from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
 from semcal_cli.estimation.refine.estimators import make_estimator
@@ -224,12 +224,10 @@ def deskew_sweeps(
     data: LoadedDrive, stages: Stages, on_event: Listener = ignore
 ) -> tuple[LoadedDrive, Stages]:
     """Deskew sweeps by the speed that they show at the last pose, if the LiDAR turns and the drive gives no motion."""
-    T, drive = stages.T_camera_lidar, data.drive
-    if (skew := Skew.of(drive, T)) is None:
+    T = stages.T_camera_lidar
+    if (skew := Skew.of(data.drive, T)) is None:
         return data, stages
-    is_stated = "time_offset_sigma_s" in drive.model_fields_set
-    moment_sigma_s = drive.time_offset_sigma_s if is_stated else MOMENT_SIGMA_S
-    stage = partial(deskew, data.observations, skew, T, moment_sigma_s)
+    stage = partial(deskew, data.observations, skew, T)
     deskewed = announced("deskewed", "estimating the speed", stage, on_event, T)
     return replace(data, observations=deskewed.observations), replace(stages, deskewed=deskewed)
 

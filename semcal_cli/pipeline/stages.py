@@ -187,12 +187,7 @@ class Stages:
     @property
     def measured_speed(self) -> MeasuredSpeed | None:
         """What a result says of the speed that the sweeps show; None if they show none."""
-        speed = None if self.deskewed is None else self.deskewed.speed
-        if speed is None:
-            return None
-        return MeasuredSpeed(
-            along_view_m_s=speed.along_view_m_s, sigma_m_s=speed.sigma_m_s, is_used=speed.is_used
-        )
+        return None if self.deskewed is None else self.deskewed.speed
 
     @property
     def is_rejected(self) -> bool:

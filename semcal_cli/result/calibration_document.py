@@ -154,7 +154,7 @@ class CalibrationDocument(StrictModel):
     @property
     def deskewed_m_s(self) -> float:
         """Speed along the view of the camera by which sweeps were deskewed, metres per second; 0 if they were not."""
-        return self.speed.along_view_m_s if self.speed is not None and self.speed.is_used else 0.0
+        return 0.0 if self.speed is None else self.speed.used_m_s
 
     @property
     def T_lidar_camera(self) -> Pose:

@@ -195,6 +195,11 @@ class MeasuredSpeed(StrictModel):
     is_used: bool
     """Whether sweeps were deskewed by it. If not, the rig was not seen to move."""
 
+    @property
+    def used_m_s(self) -> float:
+        """Speed by which sweeps were deskewed, metres per second: 0 if they were not."""
+        return self.along_view_m_s if self.is_used else 0.0
+
 
 class Repeatability(StrictModel):
     """Results with other seeds on the same data, which show the influence of chance."""

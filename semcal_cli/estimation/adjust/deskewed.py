@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -28,6 +29,7 @@ from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.twists import adjoint, local_coordinates, pose_at
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.skew import Skew
+from semcal_cli.result.sections import MeasuredSpeed
 
 STEP_M_S = 5.0
 """Difference of the speeds that are compared: half a metre a turn, at ten turns per second."""
@@ -40,9 +42,6 @@ MIN_SIGMAS = 3.0
 """Standard errors from a standstill, from which a speed deskews sweeps."""
 MIN_SCENES = 4
 """Smallest number of scenes that show a speed: in one scene, errors of the pose may look like one."""
-MOMENT_SIGMA_S = 0.004
-"""Standard deviation of the moment of the images where the drive states none: the LiDAR of KITTI makes the cameras
-expose 3.7 ms after it faces forward (`tests/benchmarks/spin.py`)."""
 
 
 InverseCurvature: TypeAlias = npt.NDArray[np.float64] | None
@@ -51,43 +50,20 @@ Climb: TypeAlias = Callable[
 ]
 
 
-class Speed(NamedTuple):
-    """Speed of the rig along the view of the camera, as its sweeps show it."""
-
-    along_view_m_s: float
-    """Mean over the frames; negative backwards."""
-    sigma_m_s: float
-    """Standard error."""
-
-    @property
-    def is_used(self) -> bool:
-        """Whether sweeps are deskewed by it: the rig is seen to move."""
-        return MIN_SIGMAS * self.sigma_m_s <= abs(self.along_view_m_s) and self.sigma_m_s <= MAX_SIGMA_M_S
-
-    @property
-    def used_m_s(self) -> float:
-        """Speed by which sweeps are deskewed."""
-        return self.along_view_m_s if self.is_used else 0.0
-
-    @property
-    def error_m_s(self) -> float:
-        """Root mean square error of the speed by which sweeps are deskewed."""
-        return math.hypot(self.sigma_m_s, self.along_view_m_s - self.used_m_s)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Deskewed(StageResult):
     """Pose with deskewed sweeps; the pose before where sweeps stay as they are."""
 
     observations: Observations
     """Points where the LiDAR would have seen them at the moment of the image, and the images."""
-    for_intrinsics: tuple[Observations, Pose]
-    """Points and images, and the best pose (4, 4) with these, metres, by which intrinsics are tested. They are deskewed
-    by the speed that the sweeps show whatever cx is: with a wrong one, sweeps seem to have another speed."""
-    speed: Speed | None
+    speed: MeasuredSpeed | None
     """Speed that the sweeps show; None if they show none."""
     covariance: Matrix | None
     """(6, 6) covariance of the pose by errors of the speed and of the moment of the images; None without a speed."""
+    for_intrinsics: Callable[[], tuple[Observations, Pose]]
+    """Function that returns points and images, and the best pose (4, 4) with these, metres, by which intrinsics are
+    tested. They are deskewed by the speed that the sweeps show whatever cx is: with a wrong one, they seem to have
+    another speed."""
 
 
 class _Fit(NamedTuple):
@@ -114,47 +90,44 @@ class _Fits(NamedTuple):
     after: _Fit
 
 
-def deskew(
-    observations: Observations, skew: Skew, T_camera_lidar: Pose, moment_sigma_s: float = MOMENT_SIGMA_S
-) -> Deskewed:
+def deskew(observations: Observations, skew: Skew, T_camera_lidar: Pose) -> Deskewed:
     """Estimate the speed of the rig along the view, and deskew the sweeps if it moves.
 
     Args:
         observations: Points and images, as the drive gives them.
         skew: How a speed skews them.
         T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
-        moment_sigma_s: Standard deviation of the moment of the images, seconds.
     """
     fits = _fit_speeds(observations, skew, T_camera_lidar, _polish)
     speed = None if fits is None else _find_maximum(fits)
-    if fits is None or speed is None:
-        return Deskewed(
-            T_camera_lidar=T_camera_lidar,
-            agreement=core.agreement(observations.core, T_camera_lidar),
-            note="the images do not tell the speed, so sweeps stay as they are",
-            observations=observations,
-            for_intrinsics=(observations, T_camera_lidar),
-            speed=None,
-            covariance=None,
-        )
-    seen = skew.deskewed(observations, speed.used_m_s)
-    figures = f"{speed.along_view_m_s:.1f} +- {speed.sigma_m_s:.1f} m/s along the view"
-    T, note = (
-        T_camera_lidar,
-        f"the images show no speed, {figures}, and none across it; sweeps stay as they are",
+    as_they_are = Deskewed(
+        T_camera_lidar=T_camera_lidar,
+        agreement=core.agreement(observations.core, T_camera_lidar),
+        note="the images do not tell the speed, so sweeps stay as they are",
+        observations=observations,
+        speed=None,
+        covariance=None,
+        for_intrinsics=lambda: (observations, T_camera_lidar),
     )
-    if speed.is_used:
-        # The polish holds out data, which took part in the fits: it starts where the speed alone moves the pose.
-        (change,) = local_coordinates([fits.middle.T_camera_lidar], fits.first.T_camera_lidar)
-        T, note = pose_at(T, change), f"deskewed by the speed that the images show, {figures}"
+    if fits is None or speed is None:
+        return as_they_are
+    figures = f"{speed.along_view_m_s:.1f} +- {speed.sigma_m_s:.1f} m/s along the view"
+    covariance = _covariance(fits, speed, skew)
+    if not speed.is_used:
+        note = f"the images show no speed, {figures}, and none across it; sweeps stay as they are"
+        return replace(as_they_are, note=note, speed=speed, covariance=covariance)
+    seen = skew.deskewed(observations, speed.used_m_s)
+    # The polish holds out data, which took part in the fits: it starts where the speed alone moves the pose.
+    (change,) = local_coordinates([fits.middle.T_camera_lidar], fits.first.T_camera_lidar)
+    T = pose_at(T_camera_lidar, change)
     return Deskewed(
         T_camera_lidar=T,
         agreement=core.agreement(seen.core, T),
-        note=note,
+        note=f"deskewed by the speed that the images show, {figures}",
         observations=seen,
-        for_intrinsics=_for_intrinsics(observations, skew, fits.middle) if speed.is_used else (seen, T),
         speed=speed,
-        covariance=_covariance(fits, speed, skew, moment_sigma_s),
+        covariance=covariance,
+        for_intrinsics=partial(_for_intrinsics, observations, skew, fits.middle),
     )
 
 
@@ -219,7 +192,7 @@ def _fit_speeds(
     return _Fits(first, before, middle, after)
 
 
-def _find_maximum(fits: _Fits) -> Speed | None:
+def _find_maximum(fits: _Fits) -> MeasuredSpeed | None:
     """Find the maximum of the parabola through three fits, and its standard error; None if there is none."""
     _, *around = fits
     squares = sorted(set().union(*(fit.share_by_square for fit in around)))
@@ -236,15 +209,21 @@ def _find_maximum(fits: _Fits) -> Speed | None:
     means = np.bincount(scenes, slopes) / np.maximum(counts, 1)
     of_one = np.sqrt(counts / np.maximum(counts - 1, 1))
     sigma_m_s = float(np.linalg.norm(of_one[scenes] * (slopes - means[scenes]))) / bend
-    return Speed(fits.middle.speed_m_s + away_m_s, sigma_m_s)
+    along_view_m_s = fits.middle.speed_m_s + away_m_s
+    is_moving = abs(along_view_m_s) >= MIN_SIGMAS * sigma_m_s
+    return MeasuredSpeed(
+        along_view_m_s=along_view_m_s,
+        sigma_m_s=sigma_m_s,
+        is_used=is_moving and sigma_m_s <= MAX_SIGMA_M_S,
+    )
 
 
-def _covariance(fits: _Fits, speed: Speed, skew: Skew, moment_sigma_s: float) -> Matrix:
+def _covariance(fits: _Fits, speed: MeasuredSpeed, skew: Skew) -> Matrix:
     """Compute the covariance (6, 6) of the pose by errors of the speed and of the moment of the images."""
     (change,) = local_coordinates([fits.after.T_camera_lidar], fits.before.T_camera_lidar)
     twist_per_m_s = change / (fits.after.speed_m_s - fits.before.speed_m_s)
     along_view = adjoint(fits.middle.T_camera_lidar)[:, :3] @ skew.view
-    twists = np.column_stack(
-        [twist_per_m_s * speed.error_m_s, along_view * (speed.used_m_s * moment_sigma_s)]
-    )
+    # A speed that is not used is an error of its whole size.
+    error_m_s = math.hypot(speed.sigma_m_s, speed.along_view_m_s - speed.used_m_s)
+    twists = np.column_stack([twist_per_m_s * error_m_s, along_view * (speed.used_m_s * skew.moment_sigma_s)])
     return np.asarray(twists @ twists.T)
