@@ -1,8 +1,10 @@
 //! One level of the label pyramid: the joint histogram of points at a pose, and its mutual information.
 
+use std::hint::black_box;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
+use geometry::camera::RUN;
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
@@ -22,7 +24,7 @@ const MIN_WEIGHT: f64 = 0.1;
 /// Number of points of a sweep that are projected to estimate how many are in the image.
 const NUM_PROJECTED: usize = 4096;
 /// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
-const CHUNK: usize = 8192;
+const CHUNK: usize = 2048;
 
 /// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
@@ -89,14 +91,24 @@ impl Level {
         weights: Weights,
     ) -> (JointHistogram, Vec<Vec<Mixed>>) {
         let of_chunk = |chunk: &[Sample]| {
-            let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::new());
-            for sample in chunk {
-                let Some((p_camera, pixel)) = at.place(sample) else { continue };
-                let sampled = self.shares_under(sample, &pixel);
-                let sample = Sample { weight: weights.of(sample, &sampled), ..*sample };
-                self.add(&mut joint, &sample, &sampled);
-                if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
-                    mixed.push(Mixed { sample, p_camera, pixel });
+            let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::with_capacity(chunk.len()));
+            let mut projected = Vec::with_capacity(RUN);
+            for run in chunk.chunks(RUN) {
+                projected.clear();
+                projected.extend(run.iter().map(|sample| at.place(sample)));
+                let pixels = run
+                    .iter()
+                    .zip(&projected)
+                    .filter_map(|(sample, place)| Some((sample, &place.as_ref()?.1)));
+                self.touch(pixels);
+                for (sample, place) in run.iter().zip(&projected) {
+                    let &Some((p_camera, pixel)) = place else { continue };
+                    let sampled = self.shares_under(sample, &pixel);
+                    let sample = Sample { weight: weights.of(sample, &sampled), ..*sample };
+                    self.add(&mut joint, &sample, &sampled);
+                    if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
+                        mixed.push(Mixed { sample, p_camera, pixel });
+                    }
                 }
             }
             (joint, mixed)
@@ -118,6 +130,13 @@ impl Level {
     /// Class shares under a pixel of a sample's frame.
     pub(super) fn shares_under(&self, sample: &Sample, pixel: &Point2<f64>) -> Sampled<'_> {
         self.maps[sample.frame as usize].at(pixel)
+    }
+
+    /// Fetches the blocks under the pixels of samples from memory.
+    pub(super) fn touch<'a>(&self, pixels: impl Iterator<Item = (&'a Sample, &'a Point2<f64>)>) {
+        let read =
+            pixels.fold(0, |read, (sample, pixel)| read ^ self.maps[sample.frame as usize].touch(pixel));
+        black_box(read);
     }
 
     pub fn empty_joint(&self) -> JointHistogram {
@@ -237,11 +256,6 @@ pub(super) struct PairValues<'a> {
 }
 
 impl PairValues<'_> {
-    /// Value of each pair of classes, if no point has partitions.
-    pub(super) fn of_classes(&self) -> &[f64] {
-        &self.table
-    }
-
     /// Calls `with` with the value of each image class for a point.
     pub(super) fn of<T>(&self, sample: &Sample, with: impl FnOnce(&[f64]) -> T) -> T {
         let &Sample { class, frame, point, .. } = sample;

@@ -94,10 +94,11 @@ impl Level {
     fn interior(&self, sample: &Sample, here: &Projection<'_>) -> Interior {
         let Some((_, pixel)) = here.place(sample) else { return Interior::AMONG_CLASSES };
         let map = &self.maps[sample.frame as usize];
-        let Sampled::Uniform(class) = map.at(&pixel) else { return Interior::AMONG_CLASSES };
-        let within = RADII.into_iter().take_while(|&radius| map.is_inside_one_class(&pixel, radius));
-        let of_radius = |radius| Interior { pixel: pixel.cast(), class, radius_px: radius as f32 };
-        within.last().map_or(Interior::AMONG_CLASSES, of_radius)
+        let of_radius = |radius| {
+            let class = map.only_class_around(&pixel, radius)?;
+            Some(Interior { pixel: pixel.cast(), class, radius_px: radius as f32 })
+        };
+        RADII.into_iter().map_while(of_radius).last().unwrap_or(Interior::AMONG_CLASSES)
     }
 
     /// Joint histograms of the samples of one frame at each sample of the lines.

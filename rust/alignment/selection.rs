@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use geometry::camera::Intrinsic;
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
@@ -74,20 +75,23 @@ impl Level {
     /// Selects points like [`Level::samples`], except that points at least `radius` blocks inside one class are only
     /// counted: their pairs do not change while they move by less.
     pub fn select(&self, pose: &Isometry3<f64>, counted: Counted, radius: usize) -> Selection {
-        self.select_where(pose, counted, |map, pixel, _| map.is_inside_one_class(pixel, radius))
+        self.select_where(pose, counted, |map, pixel, _| map.only_class_around(pixel, radius).is_some())
     }
 
-    /// Selects visible points like [`Level::select`] for Newton's method. Where it seeks the pose alone, those of a
-    /// frame's plain class are only counted, too.
+    /// Selects visible points like [`Level::select`] for Newton's method. Where it seeks the pose, alone or with cx, those
+    /// of a frame's plain class are only counted, too.
     ///
     /// Their pairs change as the pose does, but they are chosen anew in each round, and at the maximum the points of all
     /// other classes pull the pose nowhere. Plain points hardly bend the information, but they are many and shake it:
     /// without them, what single frames of KITTI-360 pull scatters by 0.071 degrees instead of 0.54
-    /// (docs/benchmarks_trust.md). Intrinsics need them: without, a cy that is 22 pixels off is not seen on KITTI object.
+    /// (docs/benchmarks_trust.md). Other intrinsics need them: without, a cy that is 22 pixels off is not seen on KITTI
+    /// object.
     pub fn select_for_newton(&self, pose: &Isometry3<f64>, variables: &Variables) -> Selection {
-        let can_leave_out = variables.count() == Variables::default().count();
+        let Variables { intrinsics, twists } = variables;
+        let can_leave_out =
+            twists.is_none() && intrinsics.iter().all(|&intrinsic| intrinsic == Intrinsic::Cx);
         let is_constant = |map: &ShareMap, pixel: &Point2<f64>, is_plain: bool| {
-            (is_plain && can_leave_out) || map.is_inside_one_class(pixel, CONSTANT_RADIUS)
+            (is_plain && can_leave_out) || map.only_class_around(pixel, CONSTANT_RADIUS).is_some()
         };
         self.select_where(pose, Counted::Visible, is_constant)
     }

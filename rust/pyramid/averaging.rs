@@ -41,24 +41,26 @@ impl Averaged {
         self.shares.push_with(|_| {});
     }
 
-    fn push_none(&mut self) {
-        self.only.push(NO_CLASS);
-        self.shares.push_with(|_| {});
-    }
-
     /// Adds a block from the tally of its pixels.
     fn push_tally(&mut self, tally: &mut Tally, num_pixels: usize) {
         self.shares.push_with(|entries| tally.drain_into(entries, num_pixels));
         self.push_only();
     }
 
-    /// Adds a block whose classes `0..sums.len()` have shares in proportion to finite sums.
-    fn push_proportional(&mut self, sums: &[f32]) {
-        let scale = f32::from(u8::MAX) / sums.iter().sum::<f32>();
-        let amounts =
-            sums.iter().zip(0u8..).map(|(sum, class)| Share { class, amount: (sum * scale).round() as u8 });
-        self.shares.push_with(|entries| entries.extend(amounts.filter(|share| share.amount > 0)));
-        self.push_only();
+    /// The shares of classes `0..num_classes`, whether they occur or not.
+    pub fn dense(self, num_classes: usize) -> Dense {
+        let mut shares = vec![0; num_classes * self.only.len()];
+        for (index, (row, &only)) in shares.chunks_exact_mut(num_classes).zip(&self.only).enumerate() {
+            match row.get_mut(usize::from(only)) {
+                Some(share) => *share = u8::MAX,
+                None => self
+                    .shares
+                    .at(index)
+                    .iter()
+                    .for_each(|share| row[usize::from(share.class)] = share.amount),
+            }
+        }
+        Dense { shares, only: self.only }
     }
 
     /// Notes the class of the block whose shares were added last.
@@ -69,6 +71,20 @@ impl Averaged {
         };
         self.only.push(only);
     }
+}
+
+/// Classes of whole blocks, row by row, of which most have several of a few classes.
+pub(super) struct Dense {
+    /// Shares of each class, in 1/255, block by block.
+    pub shares: Vec<u8>,
+    /// The class of blocks with a single class, else [`NO_CLASS`].
+    pub only: Vec<u8>,
+}
+
+/// Number of classes up to the last that occurs.
+pub(super) fn num_classes(image: &LabelImage<u8>) -> usize {
+    let classes = image.ids.iter().filter(|&&class| class != NO_CLASS);
+    classes.max().map_or(0, |&class| usize::from(class) + 1)
 }
 
 /// Averages over blocks. `only` holds the class of pixels with full weight, and [`NO_CLASS`] for those with low
@@ -108,17 +124,15 @@ pub(super) fn averaged_classes(image: &LabelImage<u8>, only: &[u8], factor: usiz
 
 /// Averages over a Gaussian around each pixel, cut off at three standard deviations. Pixels of no class do not count,
 /// and keep none.
-pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Averaged {
-    let (width, height) = (image.width, image.height);
-    let classes = || image.ids.iter().filter(|&&class| class != NO_CLASS);
-    let num_classes = classes().max().map_or(0, |&class| usize::from(class) + 1);
+pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Dense {
+    let (width, height, num_classes) = (image.width, image.height, num_classes(image));
     let reach = (REACH * sigma_px).ceil() as usize;
     let weight = |offset: usize| (-0.5 * (offset as f64 / sigma_px).powi(2)).exp() as f32;
     let kernel: Vec<f32> = (0..=reach).map(weight).collect();
     // Sums along the lines around the current one, each in the place of its number modulo their count.
     let mut lines = vec![vec![0.0_f32; num_classes * width]; 2 * reach + 1];
     let mut next_line = 0;
-    let mut blocks = Averaged::of(width * height);
+    let (mut shares, mut only) = (vec![0; num_classes * width * height], vec![NO_CLASS; width * height]);
     let mut sums = vec![0.0_f32; num_classes * width];
     for row in 0..height {
         let (first, end) = (row.saturating_sub(reach), (row + reach + 1).min(height));
@@ -133,14 +147,18 @@ pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Averaged
             sums.iter_mut().zip(line).for_each(|(sum, x)| *sum += weight * x);
         }
         for (column, &class) in image.ids[row * width..][..width].iter().enumerate() {
-            if class == NO_CLASS {
-                blocks.push_none();
-            } else {
-                blocks.push_proportional(&sums[column * num_classes..][..num_classes]);
+            if class != NO_CLASS {
+                let (sums, pixel) = (&sums[column * num_classes..][..num_classes], row * width + column);
+                let scale = f32::from(u8::MAX) / sums.iter().sum::<f32>();
+                let shares = &mut shares[pixel * num_classes..][..num_classes];
+                shares.iter_mut().zip(sums).for_each(|(share, sum)| *share = (sum * scale).round() as u8);
+                if shares[usize::from(class)] == u8::MAX {
+                    only[pixel] = class;
+                }
             }
         }
     }
-    blocks
+    Dense { shares, only }
 }
 
 /// Sums of each class under a kernel at the pixels of a line, a pixel's classes after one another.

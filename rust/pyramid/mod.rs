@@ -55,10 +55,7 @@ impl LabelPyramid {
             (None, Some(blur_px)) if factor == 1 && blur_px > 0.0 => {
                 ShareMap::blurred(&self.classes, blur_px)
             }
-            (None, Some(_)) => {
-                let pixels = ShareMap::of_pixels(&self.classes, 0);
-                if factor == 1 { pixels } else { ShareMap::of_blocks(&self.classes, &pixels, factor) }
-            }
+            (None, Some(_)) => ShareMap::of_levels(&self.classes, factor),
             (None, None) if factor == 1 => ShareMap::of_pixels(&self.classes, edge_band_px),
             (None, None) => ShareMap::of_blocks(&self.classes, &self.level(1, edge_band_px), factor),
         });

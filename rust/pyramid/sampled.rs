@@ -48,10 +48,19 @@ impl Sampled<'_> {
     }
 }
 
+/// The shares of the classes in four blocks.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Corners<'a> {
+    /// Of the classes that occur.
+    Sparse([&'a [Share]; 4]),
+    /// Of all classes, in 1/255.
+    Dense([&'a [u8]; 4]),
+}
+
 /// The four blocks around a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Shares<'a> {
-    pub(super) corners: [&'a [Share]; 4],
+    pub(super) corners: Corners<'a>,
     pub(super) right: f64,
     pub(super) down: f64,
     pub(super) weights: [f64; 4],
@@ -70,42 +79,38 @@ impl Shares<'_> {
 
     fn add_to(&self, classes: &mut [f64], weight: f64) {
         let scale = weight / (255.0 * self.total);
-        for (corner, weight) in self.corners.iter().zip(self.weights) {
-            for share in *corner {
-                classes[usize::from(share.class)] += weight * scale * f64::from(share.amount);
+        let weights = self.weights.map(|weight| weight * scale);
+        match self.corners {
+            Corners::Sparse(corners) => {
+                for (corner, weight) in corners.iter().zip(weights) {
+                    for share in *corner {
+                        classes[usize::from(share.class)] += weight * f64::from(share.amount);
+                    }
+                }
             }
-        }
-    }
-
-    /// Calls `with` with the shares of each of the four blocks and their factors: for the shares of the classes
-    /// under the pixel, and for their slopes, per pixel, to the right and down. Some share has to be labelled.
-    ///
-    /// With weights `w` and labelled shares `a` of the blocks, `share_y = sum w a_y / T` and
-    /// `d share_y = sum (dw - w dT / T) a_y / T`, where `T = sum w a`.
-    pub fn for_blocks(&self, mut with: impl FnMut(&[Share], [f64; 3])) {
-        let (r, d) = (self.right, self.down);
-        let total = 1.0 / (255.0 * self.total);
-        let by = |moves: bool| if moves { self.per_pixel * total } else { 0.0 };
-        let (by_right, by_down) = (by(self.moves.0), by(self.moves.1));
-        let right = [-(1.0 - d), 1.0 - d, -d, d].map(|slope| slope * by_right);
-        let down = [-(1.0 - r), -r, 1.0 - r, r].map(|slope| slope * by_down);
-        let of_total = |slopes: &[f64; 4]| (0..4).map(|i| slopes[i] * self.amounts[i]).sum::<f64>() * total;
-        let (total_right, total_down) = (of_total(&right), of_total(&down));
-        for i in 0..4 {
-            let weight = self.weights[i];
-            let slopes = [right[i] - weight * total_right, down[i] - weight * total_down];
-            with(self.corners[i], [weight * total, slopes[0], slopes[1]]);
+            Corners::Dense([a, b, c, d]) => {
+                let [of_a, of_b, of_c, of_d] = weights;
+                let corners = a.iter().zip(b).zip(c.iter().zip(d));
+                for (sum, ((&a, &b), (&c, &d))) in classes.iter_mut().zip(corners) {
+                    let above = of_a * f64::from(a) + of_b * f64::from(b);
+                    *sum += above + (of_c * f64::from(c) + of_d * f64::from(d));
+                }
+            }
         }
     }
 
     /// The gradient, per pixel, of `sum_y values[y] share_y / sum_y share_y`; some share has to be labelled.
     pub fn gradient(&self, values: &[f64]) -> Vector2<f64> {
+        let sums = match self.corners {
+            Corners::Sparse(corners) => corners.map(|corner| {
+                corner.iter().map(|share| values[usize::from(share.class)] * f64::from(share.amount)).sum()
+            }),
+            Corners::Dense(corners) => corners.map(|corner| {
+                corner.iter().zip(values).map(|(&amount, value)| value * f64::from(amount)).sum::<f64>()
+            }),
+        };
         // The sum over classes, and the labelled share, of each corner.
-        let sums = self.corners.map(|corner| {
-            corner.iter().fold(Vector2::zeros(), |sum, share| {
-                sum + Vector2::new(values[usize::from(share.class)], 1.0) * f64::from(share.amount)
-            })
-        });
+        let sums: [Vector2<f64>; 4] = std::array::from_fn(|i| Vector2::new(sums[i], self.amounts[i]));
         let [a, b, c, d] = sums;
         let (above, below) = (a.lerp(&b, self.right), c.lerp(&d, self.right));
         let (left, right) = (a.lerp(&c, self.down), b.lerp(&d, self.down));

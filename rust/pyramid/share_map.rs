@@ -6,9 +6,9 @@ use std::sync::Arc;
 use nalgebra::Point2;
 
 use super::averaging::{
-    Averaged, FAINT, FAINT_AMOUNT, WHOLE, amounts, averaged_classes, averaged_shares, blurred_classes,
+    Averaged, Dense, FAINT, WHOLE, amounts, averaged_classes, averaged_shares, blurred_classes, num_classes,
 };
-use super::sampled::{Sampled, Shares};
+use super::sampled::{Corners, Sampled, Shares};
 use crate::classes::{ClassShares, NO_CLASS, Share};
 use crate::label_image::LabelImage;
 
@@ -27,41 +27,45 @@ enum Blocks {
     Pixels(Arc<LabelImage<u8>>),
     /// Blocks of one pixel, and the class of those with full weight, else [`NO_CLASS`].
     Banded { image: Arc<LabelImage<u8>>, only: Vec<u8> },
-    /// Blocks of several pixels, or pixels of several classes: see [`Averaged`].
+    /// Blocks of several pixels, or pixels of several classes, most of which have few: see [`Averaged`].
     Shares {
         shares: ClassShares,
         only: Vec<u8>,
         /// Sums of the shares, which are needed more often than these.
         amounts: Vec<u16>,
     },
+    /// Blocks that have many of a few classes: the shares of each, in 1/255. They lie side by side, since access is
+    /// random, and takes longer than what follows.
+    Dense { shares: Vec<u8>, num_classes: usize, only: Vec<u8> },
 }
 
 impl Blocks {
-    fn at(&self, index: usize) -> &[Share] {
+    /// The shares of the classes in four blocks, and the labelled share of each block, in 1/255.
+    fn corners(&self, around: [usize; 4]) -> (Corners<'_>, [f64; 4]) {
+        let whole = |class: u8| of_class(&WHOLE, class);
         match self {
-            Self::Pixels(image) => {
-                let class = usize::from(image.ids[index]);
-                &WHOLE[class..class + usize::from(class < WHOLE.len())]
+            Self::Pixels(image) => sparse(around, |index| whole(image.ids[index])),
+            Self::Banded { image, only } => sparse(around, |index| {
+                let table = if only[index] == NO_CLASS { &FAINT } else { &WHOLE };
+                of_class(table, image.ids[index])
+            }),
+            Self::Shares { shares, only, amounts } => sparse(around, |index| match only[index] {
+                NO_CLASS => (shares.at(index), amounts[index]),
+                class => whole(class),
+            }),
+            Self::Dense { shares, num_classes, .. } => {
+                let corners = around.map(|index| &shares[index * num_classes..][..*num_classes]);
+                let amount = |corner: &[u8]| corner.iter().map(|&share| u32::from(share)).sum::<u32>();
+                (Corners::Dense(corners), corners.map(|corner| f64::from(amount(corner))))
             }
-            Self::Banded { image, only } => {
-                let shares = if only[index] == NO_CLASS { &FAINT } else { &WHOLE };
-                let class = usize::from(image.ids[index]);
-                &shares[class..class + usize::from(class < shares.len())]
-            }
-            Self::Shares { shares, only, .. } => match only[index] {
-                NO_CLASS => shares.at(index),
-                class => std::slice::from_ref(&WHOLE[usize::from(class)]),
-            },
         }
     }
 
-    /// The labelled share, in 1/255.
-    fn amount(&self, index: usize) -> u16 {
+    /// What is read first of each block, and the length of its entry.
+    fn bytes(&self) -> (&[u8], usize) {
         match self {
-            Self::Pixels(image) | Self::Banded { image, .. } if image.ids[index] == NO_CLASS => 0,
-            Self::Banded { only, .. } if only[index] == NO_CLASS => FAINT_AMOUNT.into(),
-            Self::Shares { amounts, .. } => amounts[index],
-            _ => u8::MAX.into(),
+            Self::Dense { shares, num_classes, .. } => (shares, *num_classes),
+            _ => (self.only(), 1),
         }
     }
 
@@ -69,16 +73,32 @@ impl Blocks {
     fn only(&self) -> &[u8] {
         match self {
             Self::Pixels(image) => &image.ids,
-            Self::Banded { only, .. } | Self::Shares { only, .. } => only,
+            Self::Banded { only, .. } | Self::Shares { only, .. } | Self::Dense { only, .. } => only,
         }
     }
 
-    /// The only class of four blocks with full weight; otherwise [`NO_CLASS`].
+    /// The only class of four blocks with full weight; otherwise [`NO_CLASS`], and always where few blocks have one.
     fn only_class(&self, around: [usize; 4]) -> u8 {
+        if let Self::Dense { .. } = self {
+            return NO_CLASS;
+        }
         let only = self.only();
         let [a, b, c, d] = around.map(|index| only[index]);
         if a == b && a == c && a == d { a } else { NO_CLASS }
     }
+}
+
+/// Pixels of a class, by a table of the shares of each class, and their labelled share; nothing without a class.
+fn of_class(table: &[Share; NO_CLASS as usize], class: u8) -> (&[Share], u16) {
+    match table.get(usize::from(class)) {
+        Some(share) => (std::slice::from_ref(share), share.amount.into()),
+        None => (&[], 0),
+    }
+}
+
+fn sparse<'a>(around: [usize; 4], of: impl Fn(usize) -> (&'a [Share], u16)) -> (Corners<'a>, [f64; 4]) {
+    let corners = around.map(of);
+    (Corners::Sparse(corners.map(|(shares, _)| shares)), corners.map(|(_, amount)| amount.into()))
 }
 
 impl ShareMap {
@@ -96,7 +116,7 @@ impl ShareMap {
 
     /// The mean classes of pixels under a Gaussian with a standard deviation of `sigma_px`.
     pub fn blurred(image: &LabelImage<u8>, sigma_px: f64) -> Self {
-        Self::averaged(image, 1, blurred_classes(image, sigma_px))
+        Self::dense(image, 1, blurred_classes(image, sigma_px))
     }
 
     /// The mean classes of blocks of `factor x factor` pixels, weighted as in the `finest` map.
@@ -105,6 +125,15 @@ impl ShareMap {
     /// Pixels without a class reduce the labelled share of their block.
     pub fn of_blocks(image: &LabelImage<u8>, finest: &Self, factor: usize) -> Self {
         Self::averaged(image, factor, averaged_classes(image, finest.blocks.only(), factor))
+    }
+
+    /// Works like [`ShareMap::of_blocks`] for the few classes of an image without borders, such as levels of a
+    /// gradient, of which most blocks have several.
+    pub fn of_levels(image: &Arc<LabelImage<u8>>, factor: usize) -> Self {
+        if factor == 1 {
+            return Self::of_pixels(image, 0);
+        }
+        Self::dense(image, factor, averaged_classes(image, &image.ids, factor).dense(num_classes(image)))
     }
 
     /// The mean class shares of blocks, where a network gave class shares of each pixel. There is no band, since the
@@ -121,6 +150,10 @@ impl ShareMap {
         };
         let amounts = only.iter().enumerate().map(amount).collect();
         Self::new(image, factor, Blocks::Shares { shares, only, amounts })
+    }
+
+    fn dense(image: &LabelImage<u8>, factor: usize, Dense { shares, only }: Dense) -> Self {
+        Self::new(image, factor, Blocks::Dense { shares, num_classes: num_classes(image), only })
     }
 
     fn new(image: &LabelImage<u8>, factor: usize, blocks: Blocks) -> Self {
@@ -142,11 +175,19 @@ impl ShareMap {
         }
     }
 
+    /// Reads a byte from each line that [`ShareMap::at`] is going to read. Access to pixels is random: short loops of
+    /// this let many fetches from memory overlap.
+    pub fn touch(&self, pixel: &Point2<f64>) -> u8 {
+        let ((column, _), (row, _)) = (self.between(pixel.x, self.columns), self.between(pixel.y, self.rows));
+        let (bytes, length) = self.blocks.bytes();
+        let byte = |row: usize| bytes[(row * self.columns + column) * length];
+        byte(row) ^ byte((row + 1).min(self.rows - 1))
+    }
+
     fn mixed(&self, around: [usize; 4], right: Option<f64>, down: Option<f64>) -> Shares<'_> {
-        let corners = around.map(|index| self.blocks.at(index));
+        let (corners, amounts) = self.blocks.corners(around);
         let (r, d) = (right.unwrap_or(0.0), down.unwrap_or(0.0));
         let weights = [(1.0 - r) * (1.0 - d), r * (1.0 - d), (1.0 - r) * d, r * d];
-        let amounts = around.map(|index| f64::from(self.blocks.amount(index)));
         let total = (0..4).map(|i| weights[i] * amounts[i]).sum::<f64>() * (1.0 / 255.0);
         Shares {
             corners,
@@ -160,8 +201,8 @@ impl ShareMap {
         }
     }
 
-    /// Whether a pixel is among blocks of one class that extend at least `radius` blocks to each side of it.
-    pub fn is_inside_one_class(&self, pixel: &Point2<f64>, radius: usize) -> bool {
+    /// The only class of the blocks around a pixel, at least `radius` of them to each side; `None` if there are several.
+    pub fn only_class_around(&self, pixel: &Point2<f64>, radius: usize) -> Option<u8> {
         let span = |pixel: f64, count: usize| {
             let first = self.between(pixel, count).0;
             first.saturating_sub(radius)..(first + radius + 2).min(count)
@@ -171,7 +212,7 @@ impl ShareMap {
         let only = self.blocks.only();
         let class = only[first];
         let mut lines = rows.map(|row| row * self.columns + columns.start..row * self.columns + columns.end);
-        class != NO_CLASS && lines.all(|line| are_all(only, line, class))
+        (class != NO_CLASS && lines.all(|line| are_all(only, line, class))).then_some(class)
     }
 
     /// The block before a pixel along one axis, and the fraction of the way to the next; `None` beyond the
@@ -203,6 +244,7 @@ fn are_all(bytes: &[u8], line: Range<usize>, value: u8) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::averaging::FAINT_AMOUNT;
     use super::*;
 
     fn blocks_of_two(image: LabelImage<u8>) -> ShareMap {
@@ -210,11 +252,16 @@ mod tests {
         ShareMap::of_blocks(&image, &ShareMap::of_pixels(&image, 0), 2)
     }
 
+    fn shares_of(map: &ShareMap, block: usize) -> Vec<(u8, u8)> {
+        let Corners::Sparse([corner, ..]) = map.blocks.corners([block; 4]).0 else { return Vec::new() };
+        corner.iter().map(|share| (share.class, share.amount)).collect()
+    }
+
     #[test]
     fn shares_count_each_class_in_each_whole_block() {
         let ids = vec![0, 1, 1, 1, 9, 0, NO_CLASS, 1, 1, 9]; // the last column is no whole block
         let map = blocks_of_two(LabelImage { width: 5, height: 2, ids });
-        let shares = |block| map.blocks.at(block).iter().map(|s| (s.class, s.amount)).collect::<Vec<_>>();
+        let shares = |block| shares_of(&map, block);
         assert_eq!(shares(0), [(0, 128), (1, 64)]);
         assert_eq!(shares(1), [(1, 255)]);
     }
@@ -280,7 +327,7 @@ mod tests {
         let ids = vec![0, 0, 0, 1, 1, NO_CLASS, 0, 0, 0, 1, 1, 1];
         let image = Arc::new(LabelImage { width: 6, height: 2, ids });
         let map = ShareMap::of_blocks(&image, &ShareMap::of_pixels(&image, 1), 2);
-        let shares = |block| map.blocks.at(block).iter().map(|s| (s.class, s.amount)).collect::<Vec<_>>();
+        let shares = |block| shares_of(&map, block);
         let quarters =
             |full: f32, few: f32| ((full * 255.0 + few * f32::from(FAINT_AMOUNT)) / 4.0).round() as u8;
         assert_eq!(shares(0), [(0, 255)]);
