@@ -19,6 +19,7 @@ from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.refine import several_starts
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
 from semcal_cli.estimation.search.initial_pose import InitialPose
@@ -303,3 +304,29 @@ def test_a_maximum_beside_the_result_is_a_rival(
     assert "10 cm away" in sentences(beside)
     # What comes back to the result is none.
     assert "10 cm away" not in sentences(street_truth)
+
+
+def test_a_higher_maximum_beside_is_climbed_where_scenes_are_enough(
+    seen: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lower = make_pose((0.0, 0.005, 0.0), (0.0, 0.0, 0.0)) @ street_truth
+    num_polished = list[int]()
+
+    def ascend(beyond: Pose, *, min_scenes: int) -> Pose:
+        def polished(_: object, T_start: Pose, __: object) -> SimpleNamespace:
+            num_polished.append(1)
+            is_beyond = compare_poses(T_start, lower).rotation_deg > 0.15
+            return SimpleNamespace(T_camera_lidar=beyond if is_beyond else lower)
+
+        num_polished.clear()
+        monkeypatch.setattr(several_starts, "newton", polished)
+        starts = replace(STARTS, num_starts=(1,), min_scenes_beside=min_scenes)
+        several = SeveralStarts(seen, ExactConfig(steps=0), 0, starts)
+        return several.ascend(1, lower, visible_only=True).T_camera_lidar
+
+    assert compare_poses(ascend(street_truth, min_scenes=1), street_truth).rotation_deg < 1e-6
+    assert compare_poses(ascend(street_truth, min_scenes=100), lower).rotation_deg < 1e-6
+    num_without = len(num_polished)
+    # Where the first poses lead back, there is no other maximum.
+    ascend(lower, min_scenes=1)
+    assert len(num_polished) == num_without + several_starts.NUM_ALIKE

@@ -234,6 +234,8 @@ def gradients(
     return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px, sigmaY=across_px), np.float32), is_inside
 
 
+MIN_SCENES = 4
+"""Minimum number of scenes from which a pose by edges is trusted: the limit of `few-scenes`, which has the source."""
 STARTS = StartsConfig(
     coarsest_block_deg=2.6,
     min_blocks=8,
@@ -258,12 +260,11 @@ STARTS_ALONE = replace(
         max_points=10_000,
         distance_weight=0.1,
     ),
+    min_scenes_beside=MIN_SCENES,
 )
 """A start is known to 5 degrees and 0.3 m. Farther away, information may be higher where edges lie on weak gradients.
 Larger steps in range are more surely edges of the image than smaller ones, and than steps in intensity: on a street of
 KITTI-360, fewer random poses have more contrast than the published one (tests/benchmarks/contrast.py)."""
-MIN_SCENES = 4
-"""Minimum number of scenes from which a pose by edges is trusted: the limit of `few-scenes`, which has the source."""
 CUE = Cue(
     observe=observe_edges,
     files=("image",),
