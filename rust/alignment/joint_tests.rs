@@ -156,4 +156,10 @@ fn plain_points_are_counted_and_pull_nothing() {
     let (split, _) = level.joint_and_gradient(&moving, &constant, &here);
     let apart = whole.weights.iter().zip(&split.weights).map(|(a, b)| (a - b).abs());
     assert!(apart.fold(0.0, f64::max) < 1e-3);
+    for (names, are_counted) in [(&["cx"][..], true), (&["cy"], false), (&["cx", "cy"], false)] {
+        let intrinsics = names.iter().filter_map(|name| Intrinsic::of(name)).collect();
+        let variables = Variables { intrinsics, twists: None };
+        let Selection { moving, .. } = level.select_for_newton(&pose, &variables);
+        assert_eq!(moving.iter().all(|sample| sample.class != 1), are_counted, "{names:?}");
+    }
 }

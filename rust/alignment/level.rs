@@ -23,8 +23,10 @@ use crate::visibility::project_points;
 const MIN_WEIGHT: f64 = 0.1;
 /// Number of points of a sweep that are projected to estimate how many are in the image.
 const NUM_PROJECTED: usize = 4096;
-/// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
+/// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads: at
+/// least two tasks for a mini-batch of the refinement. With partitions, each task has a histogram of many rows.
 const CHUNK: usize = 2048;
+const CHUNK_WITH_PARTITIONS: usize = 8192;
 
 /// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
@@ -91,7 +93,7 @@ impl Level {
         weights: Weights,
     ) -> (JointHistogram, Vec<Vec<Mixed>>) {
         let of_chunk = |chunk: &[Sample]| {
-            let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::with_capacity(chunk.len()));
+            let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::new());
             let mut projected = Vec::with_capacity(RUN);
             for run in chunk.chunks(RUN) {
                 projected.clear();
@@ -113,7 +115,8 @@ impl Level {
             }
             (joint, mixed)
         };
-        let (chunks, mixed): (Vec<JointHistogram>, Vec<_>) = samples.par_chunks(CHUNK).map(of_chunk).unzip();
+        let size = if self.observations.has_partitions() { CHUNK_WITH_PARTITIONS } else { CHUNK };
+        let (chunks, mixed): (Vec<JointHistogram>, Vec<_>) = samples.par_chunks(size).map(of_chunk).unzip();
         let mut joint = self.empty_joint();
         chunks.iter().for_each(|chunk| joint.merge(chunk));
         (joint, mixed)

@@ -6,18 +6,15 @@ use geometry::se3;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point2, Vector3, Vector6};
 
 use super::sample::Sample;
-use super::variables::{Estimate, MAX_VARIABLES, Variables, motion_over, moved, within_baseline};
+use super::variables::{Estimate, Variables, motion_over, moved, within_baseline};
 use crate::error::Result;
 
 /// Number of points that suffice to measure how the variables move the image.
 const MAX_MOTION_POINTS: usize = 5000;
-/// Number of entries of the widest cell.
-pub(super) const MAX_WIDTH: usize = MAX_VARIABLES + 1;
-
-/// Calls the given function with the width of a cell that holds a weight and a slope for each of `n` variables.
+/// Calls the given function with the length of an array that has room for a slope for each of `n` variables.
 macro_rules! with_width {
     ($n:expr, $width:ident => $call:expr) => {
-        match $n + 1 {
+        match $n {
             0..=8 => {
                 const $width: usize = 8;
                 $call
@@ -31,7 +28,7 @@ macro_rules! with_width {
                 $call
             }
             _ => {
-                const $width: usize = crate::alignment::projection::MAX_WIDTH;
+                const $width: usize = crate::alignment::variables::MAX_VARIABLES;
                 $call
             }
         }
@@ -39,8 +36,7 @@ macro_rules! with_width {
 }
 pub(super) use with_width;
 
-/// Derivatives of a point's pixel with respect to the variables: a row for each coordinate, whose first entry is
-/// zero.
+/// Derivatives of a point's pixel with respect to the variables: a row for each coordinate.
 pub(super) type Motion<const WIDTH: usize> = [[f64; WIDTH]; 2];
 
 /// Rotation and translation from the LiDAR frame to the camera frame.
@@ -159,19 +155,19 @@ impl Projection<'_> {
         let mut motion = [[0.0; WIDTH]; 2];
         for (row, of_pixel) in motion.iter_mut().enumerate() {
             let force = jacobian.row(row).transpose();
-            of_pixel[1..4].copy_from_slice(force.as_slice());
-            of_pixel[4..7].copy_from_slice(p_camera.cross(&force).as_slice());
+            of_pixel[..3].copy_from_slice(force.as_slice());
+            of_pixel[3..6].copy_from_slice(p_camera.cross(&force).as_slice());
         }
         if let Some(slopes) = self.slopes {
             slopes.for_each(&self.camera, p_camera, pixel, |index, slope| {
-                motion[0][7 + index] = slope.x;
-                motion[1][7 + index] = slope.y;
+                motion[0][6 + index] = slope.x;
+                motion[1][6 + index] = slope.y;
             });
         }
         if let Some((v, w)) = self.drifts.get(frame as usize) {
             let moved = jacobian * (v + w.cross(p_camera));
-            motion[0][self.num_variables] = moved.x;
-            motion[1][self.num_variables] = moved.y;
+            motion[0][self.num_variables - 1] = moved.x;
+            motion[1][self.num_variables - 1] = moved.y;
         }
         motion
     }
@@ -194,7 +190,7 @@ impl Projection<'_> {
             count += 1.0;
         }
         let n = self.num_variables;
-        DMatrix::from_fn(n, n, |i, j| sums[1 + i][1 + j]) / f64::max(count, 1.0)
+        DMatrix::from_fn(n, n, |i, j| sums[i][j]) / f64::max(count, 1.0)
     }
 
     /// Ranges of a representative number of points from the camera, metres.

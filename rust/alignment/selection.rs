@@ -85,7 +85,8 @@ impl Level {
     /// other classes pull the pose nowhere. Plain points hardly bend the information, but they are many and shake it:
     /// without them, what single frames of KITTI-360 pull scatters by 0.071 degrees instead of 0.54
     /// (docs/benchmarks_trust.md). Other intrinsics need them: without, a cy that is 22 pixels off is not seen on KITTI
-    /// object.
+    /// object. Where cx is 20 pixels off on KITTI raw, the frames ask for 609.9 with them and 610.3 without; 609.6 is
+    /// right.
     pub fn select_for_newton(&self, pose: &Isometry3<f64>, variables: &Variables) -> Selection {
         let Variables { intrinsics, twists } = variables;
         let can_leave_out =

@@ -14,11 +14,11 @@ use rayon::prelude::*;
 
 use super::level::Level;
 use super::newton::{HALF_WIDTH, unit_steps};
-use super::projection::{MAX_WIDTH, Neighbourhood, Projection};
+use super::projection::{Neighbourhood, Projection};
 use super::sample::{Sample, Weights};
 use super::selection::{Selection, in_view};
 use super::slopes::{Slopes, Split};
-use super::variables::{Estimate, Variables};
+use super::variables::{Estimate, MAX_VARIABLES, Variables};
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
@@ -138,13 +138,13 @@ impl Problem<'_> {
         let (mut joint, chunks) = self.level.joint_and_mixed(self.samples, here, Weights::WhereItLands);
         joint.merge(self.constant);
         let (total, values) = (self.level.total(&joint), self.level.values(&joint));
-        let mut sums: BTreeMap<[u32; 4], [f64; MAX_WIDTH]> = BTreeMap::new();
+        let mut sums: BTreeMap<[u32; 4], [f64; MAX_VARIABLES]> = BTreeMap::new();
         for mixed in chunks.iter().flatten() {
             let [row, column] = square_of(&mixed.pixel);
             let part = [mixed.sample.frame, row, column, u32::from(mixed.sample.class)];
-            self.level.add_score(mixed, here, &values, sums.entry(part).or_insert([0.0; MAX_WIDTH]));
+            self.level.add_score(mixed, here, &values, sums.entry(part).or_insert([0.0; MAX_VARIABLES]));
         }
-        let score = |sum: [f64; MAX_WIDTH]| DVector::from_column_slice(&sum[1..=self.n]) / total;
+        let score = |sum: [f64; MAX_VARIABLES]| DVector::from_column_slice(&sum[..self.n]) / total;
         sums.into_iter().map(|(part, sum)| (part, score(sum))).collect()
     }
 

@@ -87,23 +87,22 @@ impl Level {
                     Split::FramesAndClasses => (mixed.sample.frame as usize, usize::from(mixed.sample.class)),
                 };
                 // A chunk has points of few frames and classes, and the latest are the likeliest.
-                let index = parts.iter().rposition(|(other, _)| *other == part).unwrap_or_else(|| {
+                let place = parts.iter().rposition(|(other, _)| *other == part).unwrap_or_else(|| {
                     parts.push((part, [0.0; WIDTH]));
                     parts.len() - 1
                 });
-                self.add_score(mixed, at, &values, &mut parts[index].1);
+                self.add_score(mixed, at, &values, &mut parts[place].1);
             }
             parts
         };
         let n = at.num_variables();
-        let of_part = |(part, sum): (Part, [f64; WIDTH])| (part, DVector::from_column_slice(&sum[1..=n]));
+        let of_part = |(part, sum): (Part, [f64; WIDTH])| (part, DVector::from_column_slice(&sum[..n]));
         let parts =
             mixed.par_iter().flat_map_iter(|chunk| of_chunk(chunk).into_iter().map(of_part)).collect();
         Slopes { joint, parts }
     }
 
-    /// Adds the contribution of a point on several classes to the gradient, times the weight of all points, in the
-    /// entries after the first.
+    /// Adds the contribution of a point on several classes to the gradient, times the weight of all points.
     pub fn add_score<const WIDTH: usize>(
         &self,
         Mixed { sample, p_camera, pixel }: &Mixed,

@@ -81,10 +81,10 @@ pub(super) struct Dense {
     pub only: Vec<u8>,
 }
 
-/// Number of classes up to the last that occurs.
+/// Number of classes up to the last that occurs; at least one, so that blocks have a length.
 pub(super) fn num_classes(image: &LabelImage<u8>) -> usize {
     let classes = image.ids.iter().filter(|&&class| class != NO_CLASS);
-    classes.max().map_or(0, |&class| usize::from(class) + 1)
+    classes.max().map_or(1, |&class| usize::from(class) + 1)
 }
 
 /// Averages over blocks. `only` holds the class of pixels with full weight, and [`NO_CLASS`] for those with low

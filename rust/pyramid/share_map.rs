@@ -35,7 +35,7 @@ enum Blocks {
         amounts: Vec<u16>,
     },
     /// Blocks that have many of a few classes: the shares of each, in 1/255. They lie side by side, since access is
-    /// random, and takes longer than what follows.
+    /// random, and a fetch takes longer than the sums.
     Dense { shares: Vec<u8>, num_classes: usize, only: Vec<u8> },
 }
 
@@ -77,7 +77,7 @@ impl Blocks {
         }
     }
 
-    /// The only class of four blocks with full weight; otherwise [`NO_CLASS`], and always where few blocks have one.
+    /// The only class of four blocks with full weight; otherwise [`NO_CLASS`], and always for dense blocks, few of which have one.
     fn only_class(&self, around: [usize; 4]) -> u8 {
         if let Self::Dense { .. } = self {
             return NO_CLASS;
@@ -175,8 +175,8 @@ impl ShareMap {
         }
     }
 
-    /// Reads a byte from each line that [`ShareMap::at`] is going to read. Access to pixels is random: short loops of
-    /// this let many fetches from memory overlap.
+    /// Reads the first byte of the block before a pixel in both rows. Access to pixels is random: short loops of this let
+    /// many fetches from memory overlap before [`ShareMap::at`].
     pub fn touch(&self, pixel: &Point2<f64>) -> u8 {
         let ((column, _), (row, _)) = (self.between(pixel.x, self.columns), self.between(pixel.y, self.rows));
         let (bytes, length) = self.blocks.bytes();
@@ -244,6 +244,8 @@ fn are_all(bytes: &[u8], line: Range<usize>, value: u8) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector2;
+
     use super::super::averaging::FAINT_AMOUNT;
     use super::*;
 
@@ -253,7 +255,7 @@ mod tests {
     }
 
     fn shares_of(map: &ShareMap, block: usize) -> Vec<(u8, u8)> {
-        let Corners::Sparse([corner, ..]) = map.blocks.corners([block; 4]).0 else { return Vec::new() };
+        let Corners::Sparse([corner, ..]) = map.blocks.corners([block; 4]).0 else { panic!("dense blocks") };
         corner.iter().map(|share| (share.class, share.amount)).collect()
     }
 
@@ -319,6 +321,38 @@ mod tests {
             assert!((classes[0] - expected).abs() < 0.01, "{column}: {classes:?}, {expected}");
         }
         assert_eq!(map.at(&Point2::new(4.0, 1.0)).total(), 0.0);
+    }
+
+    #[test]
+    fn levels_are_averaged_as_classes_are_and_may_be_none() {
+        let ids = vec![0, 1, 3, 3, 1, 1, 3, 3, 0, NO_CLASS, 2, 0];
+        let image = Arc::new(LabelImage { width: 4, height: 3, ids });
+        let (levels, classes) = (ShareMap::of_levels(&image, 2), blocks_of_two((*image).clone()));
+        for u in [-1.0, 0.4, 1.1, 2.5, 4.0] {
+            let under = |map: &ShareMap| {
+                let mut shares = [0.0; 4];
+                let sampled = map.at(&Point2::new(u, 0.7));
+                sampled.add_to(&mut shares, 1.0);
+                (shares, sampled.total())
+            };
+            let (of_levels, of_classes) = (under(&levels), under(&classes));
+            let pairs = of_levels.0.iter().zip(of_classes.0);
+            assert!(
+                pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-12),
+                "{u}: {of_levels:?} {of_classes:?}"
+            );
+            assert!((of_levels.1 - of_classes.1).abs() < 1e-12);
+            let gradient = |map: &ShareMap| match map.at(&Point2::new(u, 0.7)) {
+                Sampled::Mixed(shares) => shares.gradient(&[0.3, -1.0, 2.0, 0.7]),
+                Sampled::Uniform(_) => Vector2::zeros(),
+            };
+            assert!((gradient(&levels) - gradient(&classes)).norm() < 1e-12);
+        }
+        let empty = Arc::new(LabelImage { width: 4, height: 2, ids: vec![NO_CLASS; 8] });
+        for map in [ShareMap::of_levels(&empty, 2), ShareMap::blurred(&empty, 1.0)] {
+            let pixel = Point2::new(1.2, 0.8);
+            assert_eq!((map.at(&pixel).total(), map.touch(&pixel)), (0.0, 0));
+        }
     }
 
     #[test]

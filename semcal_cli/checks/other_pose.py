@@ -61,8 +61,6 @@ SPREAD_DEG, SPREAD_M = 3.0, 0.3
 NUM_BESIDE, BESIDE_DEG, BESIDE_M = 3, 0.3, 0.15
 """Number of poses beside the pose from which edges are polished, and their distance. On a street of KITTI-360, seven of
 eight such poses ended at other maxima 8 to 16 cm away, 1.0 to 2.9 standard errors behind."""
-FIRST_ROUNDS = 2
-"""Rounds of the polish after which poses inside the interval are no rivals."""
 BLOCKS_DEG, FINER = 0.9, 4
 """Blocks of the first level of an ascent; those of the second are finer by this factor."""
 CONFIG = ExactConfig(steps=40, max_points=10_000)
@@ -93,16 +91,10 @@ def check_rivals(
         return ()
     rivals, near = _maxima(observations, T_camera_lidar)
     if uncertainty is not None:
-        starts = _beside(T_camera_lidar) if observations.is_multimodal else near
-        for rounds in (FIRST_ROUNDS, PolishConfig.max_rounds):
-            # Most of them are soon back inside the interval.
-            ends = [newton(observations, T, PolishConfig(max_rounds=rounds)).T_camera_lidar for T in starts]
-            starts = [
-                T
-                for T in ends
-                if (np.abs(compare_poses(T, T_camera_lidar).offsets) > uncertainty.half_widths).any()
-            ]
-        rivals += starts
+        for start in _beside(T_camera_lidar) if observations.is_multimodal else near:
+            T_near = newton(observations, start, PolishConfig()).T_camera_lidar
+            if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
+                rivals.append(T_near)
     if not rivals:
         return ()
     sigmas = sigmas_behind(observations, T_camera_lidar, rivals)

@@ -214,7 +214,7 @@ class StartsConfig:
     """How starts are chosen and coarse levels ascended by contrast; None if information leads there."""
     min_scenes_beside: int | None = None
     """Number of scenes from which higher maxima beside the best one are looked for; in fewer scenes, maxima differ by
-    chance. None if there are none."""
+    chance. None if none are looked for."""
 
 
 @dataclass(frozen=True)

@@ -31,13 +31,15 @@ BESIDE_DEG, BESIDE_M, BESIDE_SHARES = 0.3, 0.08, (0.4, 1.6)
 nearest and the farthest have."""
 NUM_BESIDE, NUM_ALIKE, NUM_FINISHED = 6, 3, 2
 """Number of these poses; there is no other maximum if the first `NUM_ALIKE` lead back. Of those that lead elsewhere,
-the best are polished to their end. On a street of KITTI-360 whose motion is known, four starts then end 3.2 cm off
-instead of 6 to 22. Twelve poses do no better, nor does it help to polish all six to their end."""
+the best are polished to their end. On a street of KITTI-360 whose motion is known, five starts then end 3.2 cm off
+instead of 6 to 22 (`tests/benchmarks/spin.py`). Twelve poses did no better, nor did polishing all six to their end."""
 MAX_CLIMBS = 8
-"""Largest number of times that poses beside a maximum are tried. The search ends when two in turn are in vain."""
+"""Largest number of times that poses beside a maximum are tried. The climb ends before if two in turn are in vain."""
 SAME_DEG, SAME_M = 0.05, 0.015
-"""Poses within this distance after `FIRST_ROUNDS` of the polish are on the way to the same maximum."""
+"""Poses within this distance are at the same maximum, or on the way to it. With twice the distance, one of two starts
+on that street stayed 22 cm off."""
 FIRST_ROUNDS = 2
+"""Rounds of the polish after which poses beside a maximum are compared. Which ones are higher then is so at the end."""
 NEAR_A_MAXIMUM = 0.5
 """A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
 of a comparable maximum."""
@@ -101,7 +103,7 @@ class SeveralStarts:
                 break
         best, *_ = self._polished(visible_only=visible_only) if factor == 1 else near
         if factor == 1 and starts.min_scenes_beside is not None:
-            num_scenes = len(set(self.observations.with_scenes.scenes))
+            num_scenes = len(set(self.observations.scenes))
             best = best if num_scenes < starts.min_scenes_beside else self._climb_beside(best, visible_only)
         return Level(factor, best.T_camera_lidar, near[0].drift, best.num_points)
 
@@ -208,12 +210,18 @@ class SeveralStarts:
         return sorted([best, *as_good], key=lambda maximum: self._distance(maximum.T_camera_lidar))
 
     def _climb_beside(self, best: core.Aligned, visible_only: bool) -> core.Aligned:
-        """Polish poses beside a maximum, and move on as long as one leads to a higher maximum."""
+        """Polish poses beside a maximum, and move on as long as one leads to more information of all points.
+
+        Where information has a sign, a pose also needs half of that of the maximum.
+        """
         rng, T_best, num_vain = np.random.default_rng(self.seed), best.T_camera_lidar, 0
         for _ in range(MAX_CLIMBS):
             leaving = self._leaving(T_best, rng)
             ends = [newton(self.observations, T, PolishConfig()).T_camera_lidar for T in leaving]
             others = [T for T in ends if self._is_near(T) and not _is_within(T, T_best, SAME_DEG, SAME_M)]
+            if others:
+                signed = self._compared(others, visible_only)
+                others = [end.T_camera_lidar for end in signed if end.value >= _near(best.value)]
             T_highest = max([T_best, *others], key=self.observations.information)
             num_vain = num_vain + 1 if T_highest is T_best else 0
             if not leaving or num_vain > 1:
