@@ -11,6 +11,7 @@ use crate::error::Result;
 
 /// Number of points that suffice to measure how the variables move the image.
 const MAX_MOTION_POINTS: usize = 5000;
+
 /// Calls the given function with the length of an array that has room for a slope for each of `n` variables.
 macro_rules! with_width {
     ($n:expr, $width:ident => $call:expr) => {

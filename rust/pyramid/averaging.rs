@@ -60,7 +60,7 @@ impl Averaged {
                     .for_each(|share| row[usize::from(share.class)] = share.amount),
             }
         }
-        Dense { shares, only: self.only }
+        Dense { shares, num_classes, only: self.only }
     }
 
     /// Notes the class of the block whose shares were added last.
@@ -77,6 +77,7 @@ impl Averaged {
 pub(super) struct Dense {
     /// Shares of each class, in 1/255, block by block.
     pub shares: Vec<u8>,
+    pub num_classes: usize,
     /// The class of blocks with a single class, else [`NO_CLASS`].
     pub only: Vec<u8>,
 }
@@ -158,7 +159,7 @@ pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Dense {
             }
         }
     }
-    Dense { shares, only }
+    Dense { shares, num_classes, only }
 }
 
 /// Sums of each class under a kernel at the pixels of a line, a pixel's classes after one another.

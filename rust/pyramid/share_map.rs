@@ -77,7 +77,8 @@ impl Blocks {
         }
     }
 
-    /// The only class of four blocks with full weight; otherwise [`NO_CLASS`], and always for dense blocks, few of which have one.
+    /// The only class of four blocks with full weight; otherwise [`NO_CLASS`], and always for dense blocks, few of which
+    /// have one.
     fn only_class(&self, around: [usize; 4]) -> u8 {
         if let Self::Dense { .. } = self {
             return NO_CLASS;
@@ -152,8 +153,8 @@ impl ShareMap {
         Self::new(image, factor, Blocks::Shares { shares, only, amounts })
     }
 
-    fn dense(image: &LabelImage<u8>, factor: usize, Dense { shares, only }: Dense) -> Self {
-        Self::new(image, factor, Blocks::Dense { shares, num_classes: num_classes(image), only })
+    fn dense(image: &LabelImage<u8>, factor: usize, Dense { shares, num_classes, only }: Dense) -> Self {
+        Self::new(image, factor, Blocks::Dense { shares, num_classes, only })
     }
 
     fn new(image: &LabelImage<u8>, factor: usize, blocks: Blocks) -> Self {

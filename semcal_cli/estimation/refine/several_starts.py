@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -31,15 +32,16 @@ BESIDE_DEG, BESIDE_M, BESIDE_SHARES = 0.3, 0.08, (0.4, 1.6)
 nearest and the farthest have."""
 NUM_BESIDE, NUM_ALIKE, NUM_FINISHED = 6, 3, 2
 """Number of these poses; there is no other maximum if the first `NUM_ALIKE` lead back. Of those that lead elsewhere,
-the best are polished to their end. On a street of KITTI-360 whose motion is known, five starts then end 3.2 cm off
-instead of 6 to 22 (`tests/benchmarks/spin.py`). Twelve poses did no better, nor did polishing all six to their end."""
+the best are polished to their end. On a street of KITTI-360 whose motion is known, three starts then end 3.2 cm off
+instead of 21 in the median (`tests/benchmarks/spin.py`). In a prototype twelve poses did no better, nor did polishing
+all six to their end."""
 MAX_CLIMBS = 8
 """Largest number of times that poses beside a maximum are tried. The climb ends before if two in turn are in vain."""
 SAME_DEG, SAME_M = 0.05, 0.015
 """Poses within this distance are at the same maximum, or on the way to it. With twice the distance, one of two starts
 on that street stayed 22 cm off."""
 FIRST_ROUNDS = 2
-"""Rounds of the polish after which poses beside a maximum are compared. Which ones are higher then is so at the end."""
+"""Rounds of the polish after which poses beside a maximum are compared. Most of those that are higher then are so at the end."""
 NEAR_A_MAXIMUM = 0.5
 """A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
 of a comparable maximum."""
@@ -176,8 +178,7 @@ class SeveralStarts:
         worse than any given pose. Where information has a sign, it also needs half of that of the best.
         """
 
-        def compared(poses: Sequence[Pose]) -> list[core.Aligned]:
-            return self._compared(poses, visible_only)
+        compared = partial(self._compared, visible_only=visible_only)
 
         def polished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
             poses = [
