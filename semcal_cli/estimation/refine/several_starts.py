@@ -177,7 +177,6 @@ class SeveralStarts:
         The chosen pose is the nearest to the start among those that are not significantly worse than the best, and no
         worse than any given pose. Where information has a sign, it also needs half of that of the best.
         """
-
         compared = partial(self._compared, visible_only=visible_only)
 
         def polished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
