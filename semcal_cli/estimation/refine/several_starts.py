@@ -41,7 +41,7 @@ SAME_DEG, SAME_M = 0.05, 0.015
 """Poses within this distance are at the same maximum, or on the way to it. With twice the distance, one of two starts
 on that street stayed 22 cm off."""
 FIRST_ROUNDS = 2
-"""Rounds of the polish after which poses beside a maximum are compared. Most of those that are higher then are so at the end."""
+"""Rounds of the polish after which poses beside a maximum are compared. Most that are higher then are so at the end."""
 NEAR_A_MAXIMUM = 0.5
 """A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
 of a comparable maximum."""
