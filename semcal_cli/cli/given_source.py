@@ -11,13 +11,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
-from semcal_cli.cli.import_ import (
-    OWN_SETTINGS,
-    BagSettings,
-    DatasetSettings,
-    import_dataset,
-    import_recording,
-)
+from semcal_cli.cli.import_bag import BagSettings, import_recording
+from semcal_cli.cli.import_datasets import OWN_SETTINGS, DatasetSettings, import_dataset
 from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_page, folder_of
 from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.settings import typed_words, without_option
