@@ -213,7 +213,6 @@ ORDERS = {
     "inspect C": "semcal inspect DRIVE",
     "refine C --init C": "semcal refine DRIVE --init FILE",
     "verify C C": "semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]",
-    "verify D": "semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]",
     "report C D -o O.html": "semcal report DRIVE CALIBRATION -o FILE",
     "overlay C D -o O": "semcal overlay DRIVE CALIBRATION",
     "export rerun C D -o O.rrd": "semcal export rerun DRIVE [CALIBRATION] -o FILE",
@@ -232,11 +231,19 @@ def test_a_misplaced_file_is_told_with_the_order(drive: Path, tmp_path: Path, cl
     code, out, err = cli(*({"C": given, "D": drive}.get(word, word) for word in command))
     assert (code, out) == (EXIT_FAILURE, "")
     found = f"{given}: found a calibration, expected a drive"
-    if line in ("verify D", "verify D D", "compare C D"):
+    if line in ("verify D D", "compare C D"):
         needed = "expected a transform, or a drive with T_camera_lidar"
         found = f"{drive / DRIVE_FILE}: found a drive without a reference, {needed}"
     order = f"; the order is `{ORDERS[line]}`" if ORDERS[line] else ""
     assert err == f"semcal: error: {found}{order}\n"
+
+
+def test_a_drive_without_a_transform_is_verified_with_one_from_a_file(drive: Path, cli: Cli) -> None:
+    with edited(drive) as document:
+        del document["T_camera_lidar"]
+    advice = f"`semcal verify {drive} CALIBRATION` takes one from a file"
+    found = "found no transform from the sweeps to the images to verify"
+    assert cli("verify", drive) == (EXIT_FAILURE, "", f"semcal: error: {drive}: {found}; {advice}\n")
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -12,6 +12,7 @@ import yaml
 from conftest import Cli, edited
 from laboratory.raw_drive import RawDrive, write_raw_drive
 from scipy.spatial.transform import Rotation
+from test_calibration import make_calibration
 
 from semcal_cli.cli import EXIT_FAILURE
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
@@ -21,7 +22,7 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import OPTICAL_AXES, camera_center, compare_poses, inverse
 from semcal_cli.observations.cues.cue_table import choose_frames
-from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration, write_calibration
 
 NOT_LABELLED = 0
 """The id that synthetic drives ignore."""
@@ -82,6 +83,8 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
         is_near = points @ street_truth[2, :3] > np.cos(np.radians(5.0)) * np.linalg.norm(points, axis=1)
         labels = drive / "point_labels" / f"{path.stem}.label"
         np.where(is_near, np.fromfile(labels, np.uint32), NOT_LABELLED).astype(np.uint32).tofile(labels)
+    trusted = make_calibration(street_truth).model_copy(update={"status": "trusted", "reasons": ()})
+    write_calibration(trusted, tmp_path / "out.yaml")
     code, _, stderr = cli("initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert (code, calibration.status, calibration.topics) == (EXIT_NOT_TRUSTED, "not_trusted", ("overlap",))
@@ -89,7 +92,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     *lines, last = stderr.splitlines()
     assert last == annotation.replace("%", "%25")
     assert texts_under(lines, "doubt") == [*calibration.reasons]
-    assert lines[-5] == f"written to       {tmp_path / 'out.yaml'}"
+    assert lines[-5] == f"written to       {tmp_path / 'out.yaml'} in the place of a trusted calibration"
     assert lines[-4] == "verdict          not trusted: 1 doubt, see above"
     assert re.fullmatch(
         r"visible points with classes cover \d\.\d% of the image \(limit 3%\): label more points, or "

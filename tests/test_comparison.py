@@ -171,7 +171,9 @@ def test_the_camera_of_a_file_with_several_is_named(street: Path, tmp_path: Path
     shift = np.eye(4)
     shift[0, 3] = 0.06
     write_transform(shift @ T, second, "semcal")
-    assert "fail: camera centre 6.0 cm" in invoke("compare", calib, second).output
+    compared = invoke("compare", calib, second)
+    assert "fail: camera centre 6.0 cm" in compared.output
+    assert compared.stderr == f"{calib}: read as the transform of camera 0; --camera P2 reads another\n"
     # The name counts for the file that has several cameras, whichever of the two that is.
     for files in ((calib, second), (second, calib)):
         done = invoke("compare", *files, "--camera", "P2")

@@ -18,6 +18,7 @@ from dataset_trees import TREES
 from semcal_cli.cli import given_source
 from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.drive.document import read_drive
+from semcal_cli.formats.camera_block import EXAMPLE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
@@ -83,16 +84,40 @@ def test_several_topics_are_listed_with_the_command_for_each(tmp_path: Path, cli
     changes = {"info": lambda *about: None, "image": lambda *about: None, **cameras}
     path = small(tmp_path, "mcap library", **changes)
     output = tmp_path / "c.yaml"
+    rig = f"semcal import bag {path} --all-cameras -o {tmp_path / f'{path.stem}_drive_rig'}"
     for command in (["calibrate", path, "-o", output], ["import", "bag", path, "-o", output]):
         code, _, err = cli(*command)
         typed = shlex.join(["semcal", *map(str, command)])
         assert code == 1
         assert err == (
-            f"semcal: error: {path}: found 1 topic of sweeps and 2 topics of images, choose one: "
+            f"semcal: error: {path}: found 1 topic of sweeps and 2 topics of images"
+            f"{f' (a rig of all: `{rig}`)' if command[0] == 'calibrate' else ''}, choose one: "
             f"`{typed} --image /left/image_raw`, `{typed} --image /right/image_raw`"
             f"{f', `{typed} --all-cameras`' if command[0] == 'import' else ''}\n"
         )
     assert not [*tmp_path.glob("*drive*")]
+
+
+def test_a_file_gives_the_intrinsics_that_a_recording_lacks(tmp_path: Path, cli: Cli) -> None:
+    """The example of a camera_info that messages show is one; tiny clouds then cannot be calibrated."""
+    path, camera = small(tmp_path, "mcap library", info=lambda *about: None), tmp_path / "camera.yaml"
+    code, _, err = cli("calibrate", path, "-o", tmp_path / "c.yaml")
+    assert code == 1
+    assert err.endswith("; expected one, or --intrinsics FILE\n")
+    camera.write_text(EXAMPLE.replace("1242", "16").replace("375", "16"))
+    cli("calibrate", path, "-o", tmp_path / "c.yaml", "--intrinsics", camera)
+    (drive,) = tmp_path.glob("*_drive/drive.yaml")
+    assert read_drive(drive).camera.K[0][0] == 721.5
+
+
+def test_a_recording_in_the_place_of_a_calibration_is_told_with_the_order(tmp_path: Path, cli: Cli) -> None:
+    path = small(tmp_path, "mcap library")
+    code, _, err = cli("verify", tmp_path / "c.yaml", path)
+    order = "the order is `semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]`"
+    assert (code, err) == (
+        1,
+        f"semcal: error: {path}: found a recording, expected a calibration; {order}\n",
+    )
 
 
 def test_a_data_set_is_enough_too(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:

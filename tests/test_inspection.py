@@ -111,6 +111,15 @@ def test_a_drive_without_labels_is_looked_at(drive: Path) -> None:
     assert not any(line.startswith(("warning", "points", "pixels", "both")) for line in others)
     assert "64 channels" in output
     assert others[-1] == f"next        semcal calibrate {drive}"
+    with edited(drive) as document:
+        del document["T_camera_lidar"]
+    *_, last = invoke("inspect", drive).output.splitlines()
+    assert last == f"next        semcal calibrate {drive} --init-rpy-xyz R P Y X Y Z"
+
+
+def test_a_rig_is_calibrated_into_a_folder(rig: Path) -> None:
+    *_, last = invoke("inspect", rig).output.splitlines()
+    assert last == f"next        semcal calibrate {rig} -o results"
 
 
 WIDE, HIGH = 640, 360

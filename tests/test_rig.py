@@ -174,6 +174,14 @@ def test_other_commands_want_the_drive_of_one_camera(rig: Path, tmp_path: Path) 
         )
 
 
+def test_a_rig_without_its_key_is_told_what_a_rig_is(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text("cameras: [left_drive, right_drive]\n")
+    assert str(invoke("calibrate", tmp_path / "rig.yaml").exception) == (
+        f"{tmp_path / 'rig.yaml'}: found no key semcal_rig, expected a rig such as {{semcal_rig: 1, cameras: {{left: "
+        "left_drive, right: right_drive}}"
+    )
+
+
 def test_cameras_of_a_synthetic_rig_err_in_places_of_their_own(tmp_path: Path) -> None:
     """Same sweeps, and the same camera twice: their wrong labels differ."""
     config = dataclasses.replace(SMALL, num_frames=1, label_noise=0.3)

@@ -332,7 +332,8 @@ def test_what_a_drive_would_have_shown(street: Path, street_truth: Pose, tmp_pat
     assert report["verdict"] != "pass"
     text = " ".join(verify(street, given, *limits).stdout.split())
     assert re.search(
-        r"a move of [\d., ]+ cm along x, y, z or a turn of [\d., ]+ degrees about them would", text
+        r"the smallest errors that these frames would have shown: [\d., ]+ cm along x, y, z, [\d., ]+ degrees",
+        text,
     )
     assert not json.loads(verify(street, write_transform(street_truth, street, tmp_path), "--json").stdout)[
         "has_moved"

@@ -25,19 +25,19 @@ from semcal_cli.observations.observations import Observations
 
 FRAMES_DISAGREE = Check(
     topic="frames-disagree",
-    advice="check the times of sweeps and images, the motion and the labels, or remove these frames",
+    advice="check the times of sweeps and images, the motion and any labels, or remove these frames",
     entry=Entry(
         title="Frames disagree",
         section=PageSection.FILES,
         quotes=(
             (
-                "frames disagree about the camera, they scatter 1.62 times as widely as their labels "
-                "explain (limit 1.20): check the times of sweeps and images, the motion and the "
-                "labels, or remove these frames"
+                "frames disagree about the camera, they scatter 1.62 times as widely as chance "
+                "explains (limit 1.20): check the times of sweeps and images, the motion and any labels, or "
+                "remove these frames"
             ),
         ),
         meaning=(
-            "Each frame pulls the pose in its own direction, farther than its labels explain, and "
+            "Each frame pulls the pose in its own direction, farther than chance explains, and "
             "even two or three poses do not fit them all."
         ),
         cause=(
@@ -118,7 +118,7 @@ def describe_disagreement(suspicion: Suspicion, names: Sequence[str]) -> str:
     reasons = []
     if suspicion.scatter > suspicion.allowed:
         ratio, most = format_against_limit(math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed), 2)
-        reasons.append(f"they scatter {ratio} times as widely as their labels explain (limit {most})")
+        reasons.append(f"they scatter {ratio} times as widely as chance explains (limit {most})")
     if suspicion.place is not None:
         apart, most = format_against_limit(suspicion.apart, suspicion.allowed_apart, 1)
         reasons.append(

@@ -74,6 +74,11 @@ class RecordingSettings:
         "Topic of a recording's sweeps; needed if there are several.", metavar="TOPIC"
     )
     image: str | None = option("Topic of a recording's images; needed if there are several.", metavar="TOPIC")
+    camera_file: Path | None = option(
+        "Take a recording's intrinsics from a file: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
+        "--intrinsics",
+        metavar="FILE",
+    )
     sequence: str | None = option(
         "Name of a data set's sequence; needed if there are several.", metavar="NAME"
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,8 +69,10 @@ def compare(settings: CompareSettings) -> None:
     check_vacant(settings.csv, settings.plot, force=settings.force)
     paths = [settings.b, *settings.others]
     direction, camera = settings.reference_direction, settings.camera
+    tell = partial(click.echo, err=True)
     a, b, *others = extrinsics = [
-        read_reference(path, direction, camera, has_camera_option=True) for path in (settings.a, *paths)
+        read_reference(path, direction, camera, has_camera_option=True, on_note=tell)
+        for path in (settings.a, *paths)
     ]
     if camera is not None and not any("camera" in each.asks for each in extrinsics):
         raise click.UsageError(f"--camera {camera}: found no file that may hold several cameras.")

@@ -128,7 +128,10 @@ class ConvertSettings(WrittenSettings):
         from semcal_cli.formats.format import FormatOptions
 
         on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if self.repair else None
-        return FormatOptions(self.direction, self.frame, self.camera, self.lidar, on_repair=on_repair)
+        on_note = partial(click.echo, err=True)
+        return FormatOptions(
+            self.direction, self.frame, self.camera, self.lidar, on_repair=on_repair, on_note=on_note
+        )
 
 
 @command(ConvertSettings)

@@ -17,7 +17,7 @@ from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_page
 from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.settings import typed_words, without_option
 from semcal_cli.cli.tables import labelled, wrapped
-from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import (
     ChoiceError,
     InputError,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
 
-OF_RECORDINGS, OF_DATASETS = ("--points", "--image"), ("--sequence", "--camera")
+OF_RECORDINGS, OF_DATASETS = ("--points", "--image", "--intrinsics"), ("--sequence", "--camera")
 """Options that choose from a recording, and from a data set."""
 ODOMETRY = "kiss_icp"
 """Library that estimates the motion."""
@@ -63,6 +63,10 @@ class GivenSettings(Protocol):
     @property
     def image(self) -> str | None:
         """Topic of a recording's images."""
+
+    @property
+    def camera_file(self) -> Path | None:
+        """File with the intrinsics of a recording."""
 
     @property
     def sequence(self) -> str | None:
@@ -107,16 +111,13 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
 
 
 @contextmanager
-def temporary_drive(
-    settings: GivenSettings, terminal: Terminal, *outputs: Path | None, needs_transform: bool
-) -> Iterator[Path]:
+def temporary_drive(settings: GivenSettings, terminal: Terminal, *outputs: Path | None) -> Iterator[Path]:
     """Import what is given in the place of a drive into a temporary one; a drive stays as it is.
 
     Args:
         settings: What is given, and the choices of its import.
         terminal: Where to print what is left out of it.
         outputs: Files that the command will write, which must not replace what is given.
-        needs_transform: Whether the drive must state a transform.
 
     Yields:
         The drive.
@@ -124,7 +125,7 @@ def temporary_drive(
     Raises:
         click.UsageError: an option is for something else than what is given.
         ChoiceError: there are several topics, sequences or cameras.
-        InputError: nothing can be verified, or the import fails.
+        InputError: the import fails.
     """
     given = settings.drive
     if (source := _source_of(settings)) is None:
@@ -136,9 +137,6 @@ def temporary_drive(
         drive = Path(folder) / source.drive
         with _choices_of_import(source, source.drive, options):
             _import(settings, source, drive, terminal, is_temporary=True)
-        if needs_transform and read_drive(drive, settings.max_points).T_camera_lidar is None:
-            advice = f"`{shell('verify', given, 'CALIBRATION')}` takes one from a file"
-            raise InputError(f"{given}: found no transform from the sweeps to the images to verify; {advice}")
         yield drive
 
 
@@ -173,6 +171,12 @@ def _choices_of_import(source: Recognised, drive: Path, options: list[str]) -> I
     try:
         yield
     except ChoiceError as error:
+        from semcal_cli.importing.bags.topics import ALL_CAMERAS
+
+        if (ALL_CAMERAS,) in error.choices:
+            command = source.command(drive.with_name(f"{drive.name}_rig"), ALL_CAMERAS)
+            problem = f"{error.problem} (a rig of all: `{command}`)"
+            raise ChoiceError(problem, choices=error.choices) from None
         if any(words[0] in (*OF_RECORDINGS, *OF_DATASETS) for words in error.choices):
             raise
         commands = [f"`{source.command(drive, *options, *words)}`" for words in error.choices]
@@ -262,9 +266,10 @@ def _options(settings: GivenSettings, *, is_recording: bool) -> list[str]:
     chosen = {
         "--points": settings.points,
         "--image": settings.image,
+        "--intrinsics": settings.camera_file,
         "--camera": settings.camera,
     }
-    options = [word for name, value in chosen.items() if value is not None for word in (name, value)]
+    options = [str(word) for name, value in chosen.items() if value is not None for word in (name, value)]
     return [*options, "--odometry"] if is_recording and is_installed(ODOMETRY) else options
 
 
@@ -277,8 +282,8 @@ def _import_recording(
 ) -> None:
     """Make the drive of a recording, with the motion by its sweeps where the library for it is installed."""
     has_odometry = is_installed(ODOMETRY)
-    topics = {"points": settings.points, "image": settings.image}
-    bag = BagSettings(paths=(path,), odometry=has_odometry, **topics | about)
+    chosen = {"points": settings.points, "image": settings.image, "intrinsics": settings.camera_file}
+    bag = BagSettings(paths=(path,), odometry=has_odometry, **chosen | about)
     import_recording(bag, is_last=False, read=read)
     if not has_odometry:
         missing = f"the motion of the LiDAR is not estimated: found no {ODOMETRY}; install {describe_extra('odometry')}"

@@ -46,7 +46,9 @@ class FolderSettings(ImportSettings):
     model: str | None = option(
         "Camera model, if the intrinsics file names none or the wrong one.", metavar="NAME"
     )
-    reference: Path | None = option("T_camera_lidar to compare with, in any known format.", metavar="FILE")
+    reference: Path | None = option(
+        "T_camera_lidar to start from and to compare with, in any known format.", metavar="FILE"
+    )
     reference_direction: Direction | None = option(
         "Direction of the matrix in the --reference file, if the file does not state it: p_camera = T p_lidar, or "
         "p_lidar = T p_camera."

@@ -60,6 +60,7 @@ def inspect(settings: InspectSettings) -> None:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.many.rig.rig_document import find_rig
+    from semcal_cli.result.next_steps import calibration_of
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
@@ -78,7 +79,8 @@ def inspect(settings: InspectSettings) -> None:
         documents = {name: asdict(report) for name, report in reports.items()}
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
-    _print(reports, path, with_frames=settings.with_frames)
+    next_command = calibration_of(drives[""]) if rig is None else shell("calibrate", path, "-o", "results")
+    _print(reports, next_command, with_frames=settings.with_frames)
 
 
 def _write_mask(drive: Drive, path: Path) -> None:
@@ -102,7 +104,7 @@ def _write_mask(drive: Drive, path: Path) -> None:
     click.echo(f"wrote {path}: {share:.1%} of the image never change; {use}", err=True)
 
 
-def _print(reports: Mapping[str, DriveReport], drive: Path, *, with_frames: bool) -> None:
+def _print(reports: Mapping[str, DriveReport], next_command: str, *, with_frames: bool) -> None:
     """Print what is suspicious for any camera, the content of each drive, under its name if it has one, and what next.
 
     The table of frames is as wide as the terminal, or as COLUMNS; without both, rows are not wrapped.
@@ -133,7 +135,7 @@ def _print(reports: Mapping[str, DriveReport], drive: Path, *, with_frames: bool
             show(label, line)
         if with_frames:
             console.print(_table(report), soft_wrap=False)
-    console.print(labelled("next", shell("calibrate", drive), LABEL_WIDTH), markup=False)
+    console.print(labelled("next", next_command, LABEL_WIDTH), markup=False)
 
 
 def _grouped(report: DriveReport) -> list[str]:

@@ -34,7 +34,7 @@ from semcal_cli.files.output_files import (
 from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.result.applied import apply_result, cues_applied
-from semcal_cli.result.calibration_document import calibration_text, write_calibration
+from semcal_cli.result.calibration_document import calibration_text, read_calibration, write_calibration
 from semcal_cli.result.next_steps import after_calibration
 from semcal_cli.result.provenance import with_provenance
 from semcal_cli.threads import set_num_threads
@@ -197,10 +197,12 @@ class Outputs:
         """
         if self.log is not None:
             write_text(json.dumps(terminal.log_document(num_threads), indent=2) + "\n", self.log)
+        replaced = self._is_trusted_before() and calibration.status != "trusted"
         self._write_result(calibration)
         written_to = str(self.output or "standard output")
+        remark = " in the place of a trusted calibration" if replaced else ""
         terminal.print(
-            *summary_lines(calibration, verbose=terminal.verbose), labelled("written to", written_to)
+            *summary_lines(calibration, verbose=terminal.verbose), labelled("written to", written_to + remark)
         )
         if drive is not None and self.is_illustrated:
             self._illustrate(drive, calibration, terminal)
@@ -212,6 +214,14 @@ class Outputs:
             terminal.print(*(labelled(*step) for step in steps))
         _report(calibration, written_to).tell_github()
         return exit_code(calibration)
+
+    def _is_trusted_before(self) -> bool:
+        """Whether a trusted calibration is in the place of the result."""
+        if self.output is None or self.to is not None or not self.output.is_file():
+            return False
+        with suppress(InputError):
+            return read_calibration(self.output).trusted
+        return False
 
     def _write_result(self, calibration: CalibrationDocument) -> None:
         if self.as_json:

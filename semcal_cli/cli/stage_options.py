@@ -136,7 +136,8 @@ class SearchSettings(StartSettings):
         type=FiniteNumber(),
         nargs=6,
         metavar="R P Y X Y Z",
-        brief="Start from a mounting measured by hand: degrees as in URDF, and metres, in the LiDAR frame.",
+        brief="Start from a mounting measured by hand, in the LiDAR frame: degrees, 0 0 0 for a camera that looks "
+        "along x, and metres.",
     )
     search_deg: float | None = setting_of(InitializationConfig, "search_deg")
     max_roll_deg: float = option(

@@ -27,6 +27,7 @@ from semcal_cli.cli.settings import argument, command, option, output_file, sett
 from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.config.directions import Direction
+from semcal_cli.errors import InputError, MisplacedError, shell
 
 if TYPE_CHECKING:
     from semcal_cli.cli.outputs import Outputs
@@ -73,9 +74,16 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
         Raises:
             InputError: the file is not a transform, or the drive has none.
         """
-        path = self.calibration or self.drive
-        pose = read_initial_pose(path, self.direction, direction_option="--direction")
-        return pose if self.calibration or self.given is None else replace(pose, name=str(self.given))
+        from semcal_cli.drive.document import read_drive
+
+        if self.calibration is not None:
+            return read_initial_pose(self.calibration, self.direction, direction_option="--direction")
+        given = self.given or self.drive
+        if read_drive(self.drive, self.max_points).T_camera_lidar is None:
+            advice = f"`{shell('verify', given, 'CALIBRATION')}` takes one from a file"
+            raise InputError(f"{given}: found no transform from the sweeps to the images to verify; {advice}")
+        pose = read_initial_pose(self.drive, self.direction, direction_option="--direction")
+        return replace(pose, name=str(given))
 
     @property
     def config(self) -> CalibrationConfig:
@@ -94,9 +102,15 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
 
         Raises:
             InputError: the calibration is not a transform.
+            MisplacedError: it is a recording or a data set.
         """
-        if self.calibration is not None:
-            _ = self.initial_pose
+        from semcal_cli.importing.recognition import recognise
+
+        if self.calibration is None:
+            return
+        if (source := recognise(self.calibration)) is not None:
+            raise MisplacedError(f"{self.calibration}: found {source.name}, expected a calibration")
+        _ = self.initial_pose
 
 
 @command(VerifySettings)
@@ -126,11 +140,7 @@ def verify(settings: VerifySettings) -> None:
     outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
     with errors_reported("verify", subject, settings.junit, read):
         settings.check()
-        needs_transform = settings.calibration is None
-        written = settings.junit, settings.page
-        with temporary_drive(
-            settings, settings.terminal(), *written, needs_transform=needs_transform
-        ) as drive:
+        with temporary_drive(settings, settings.terminal(), settings.junit, settings.page) as drive:
             given = None if drive == settings.drive else settings.drive
             imported = replace(settings, drive=drive, given=given)
             pose, config = imported.initial_pose, imported.config

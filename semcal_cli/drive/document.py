@@ -53,6 +53,7 @@ RIG_FOUND = (
     "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, expected the drive of one "
     "of its cameras"
 )
+EXAMPLE_RIG = f"{{{RIG}: 1, cameras: {{left: left_drive, right: right_drive}}}}"
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
 """Version keys of files with a transform, found in place of a drive if arguments are in the wrong order."""
 FILES = ("points", "point_labels", "image_labels", "image", "mask", "point_features", "image_features")
@@ -410,6 +411,8 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     document = read_document(file)
     if RIG in document:
         raise InputError(f"{file}: {RIG_FOUND}")
+    if file.name == RIG_FILE:
+        raise InputError(f"{file}: found no key {RIG}, expected a rig such as {EXAMPLE_RIG}")
     if CALIBRATIONS & document.keys():
         raise MisplacedError(f"{file}: found a calibration, expected a drive")
     drive = validate(Drive, document, file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,6 +103,7 @@ def read_reference(
     camera: str | None = None,
     *,
     has_camera_option: bool = False,
+    on_note: Callable[[str], None] | None = None,
 ) -> Extrinsic:
     """Read a transform as `read_extrinsic` does, with options that count only for a file that leaves them open.
 
@@ -110,11 +112,12 @@ def read_reference(
         direction: Direction of a matrix.
         camera: Name of the camera in a file that may hold several.
         has_camera_option: Whether the user can name it.
+        on_note: Called with what a reader should know, such as which of several cameras was read.
 
     Raises:
         InputError: see `read_extrinsic`.
     """
-    options = FormatOptions(direction, camera=camera)
+    options = FormatOptions(direction, camera=camera, on_note=on_note)
     return read_extrinsic(
         path, None, options, direction_option=REFERENCE_DIRECTION, has_camera_option=has_camera_option
     )

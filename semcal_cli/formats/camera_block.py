@@ -21,6 +21,12 @@ KNOWN_FORMATS = (
     "OpenCalib's JSON (cam_K)"
 )
 
+EXAMPLE = (
+    "{distortion_model: plumb_bob, width: 1242, height: 375, K: [721.5, 0, 609.6, 0, 721.5, 172.9, 0, 0, 1], "
+    "D: [0, 0, 0, 0, 0]}"
+)
+"""A camera_info of images without distortion."""
+
 
 def read_intrinsics(
     path: Path,
@@ -76,7 +82,9 @@ def _read(source: Source, camera: str | None, model: str | None) -> CameraBlock:
         if format.read_lens is not None and (block := format.read_lens(source, camera, model)) is not None:
             return block
     keys = ", ".join(describe(key) for key in list(source.node.mapping)[:5]) or "none"
-    raise InputError(f"{source.path}: found top-level keys {keys}, expected {KNOWN_FORMATS}")
+    raise InputError(
+        f"{source.path}: found top-level keys {keys}, expected {KNOWN_FORMATS}; such as {EXAMPLE}"
+    )
 
 
 def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:

@@ -173,6 +173,8 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
         lines = parse_keyed(source.path, source.text)
         T = camera0_pose(lines, key, options)
         if options.camera is None:
+            if any(name in lines.mapping for name in CAMERAS[1:]):
+                options.note(f"{source.path}: read as the transform of camera 0; --camera P2 reads another")
             return T
         _check_camera(options.camera, CAMERAS)
         return offset_from_camera0(lines.at(options.camera)) @ T

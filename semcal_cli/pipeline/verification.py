@@ -356,7 +356,7 @@ def _visible(smallest: PoseChange) -> str:
     """Describe what a verification would have shown."""
     move = ", ".join(figure(100.0 * each) for each in smallest.camera_center_m)
     turn = ", ".join(map(figure, smallest.rotation_deg))
-    return f"a move of {move} cm along x, y, z or a turn of {turn} degrees about them would have shown"
+    return f"the smallest errors that these frames would have shown: {move} cm along x, y, z, {turn} degrees about them"
 
 
 def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[AxisVerdict, list[str]]:

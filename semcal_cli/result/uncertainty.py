@@ -295,8 +295,8 @@ def wide_directions(
 
 def _weak_directions(half_widths: Sequence[float]) -> tuple[str, ...]:
     center, rotation = wide_directions(half_widths, WEAK_M, WEAK_DEG)
-    shifts = ", ".join(f"{name} +- {lengths([half])}" for name, half in center)
-    turns = ", ".join(f"{name} +- {figure(half)} degrees" for name, half in rotation)
+    # Without figures: the widths also have parts that more frames do not reduce.
+    shifts, turns = (" and ".join(name for name, _ in wide) for wide in (center, rotation))
     return (
         *([f"{shifts} (frames with nearby objects would help)"] if shifts else []),
         *([f"{turns} (more frames would help)"] if turns else []),
