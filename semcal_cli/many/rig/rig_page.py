@@ -11,7 +11,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import listed
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.many.rig.rig_calibration import WORST_FIRST, RigCalibration
-from semcal_cli.many.rig.rig_document import cloud_path
+from semcal_cli.many.rig.shared_clouds import cloud_path
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.reading import load_points
 from semcal_cli.report import words
@@ -50,11 +50,13 @@ def rig_page_html(
         InputError: a sweep or an image is missing or wrong.
     """
     progress("reading a frame of each camera")
-    views = _camera_views(drives, {name: calibration.pose for name, calibration in rig.cameras.items()})
+    poses = {name: calibration.pose for name, calibration in rig.cameras.items()}
+    views = _camera_views(drives, poses)
     progress("drawing points on images")
     images, depths = _images(views)
     progress("writing the page")
-    cloud = sweep_cloud(views)
+    # Poses of other calibrations are relative to another LiDAR.
+    cloud = sweep_cloud([view for view in views if view.name in rig.first_cameras])
     return render_page(
         "many/rig/page.html",
         ("report/cloud.js",),
@@ -72,7 +74,6 @@ def rig_page_html(
         images=images,
         depths=depths,
         pairs=rig.pairs,
-        intervals=intervals,
         cloud=asdict(cloud),
     )
 
@@ -89,12 +90,15 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         widths = [max(axis) for axis in zip(*half_widths, strict=True)]
         sure = f"each is known to {widest(widths)} or better" if half_widths else ""
         all_of_them = "Both" if len(statuses) == 2 else f"All {len(statuses)}"
-        return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} cameras are trusted.", sure)
+        of_them = f"calibrations of {len(rig.lidars) + 1} LiDARs" if rig.lidars else "cameras"
+        return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} {of_them} are trusted.", sure)
     contradictions = [constraint.reason for constraint in rig.contradictions]
     worst, is_failed = names[rig.status], rig.status == "failed"
     if not worst:
         title, sentence = "The cameras contradict a constraint", "Each camera is trusted alone."
-        return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(contradictions)))
+        if rig.lidars:
+            title, sentence = "The LiDARs are not tied well", "Each camera is trusted alone."
+        return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(rig.reasons)))
     verb = "" if is_failed else "is " if len(worst) == 1 else "are "
     title = f"{len(worst)} of {len(statuses)} cameras {verb}{STATUSES[rig.status]}"
     groups = {
