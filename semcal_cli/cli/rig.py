@@ -203,7 +203,9 @@ def _lines(calibration: RigCalibration, result: Path) -> list[str]:
     num_frames = sum(len(camera.input.frames) for camera in calibration.cameras.values())
     adjustment = calibration.adjustment
     constraints = (
-        [] if adjustment is None else [each.sentence for each in adjustment.constraints if each.is_kept]
+        []
+        if adjustment is None
+        else [each.sentence for each in adjustment.constraints if each.is_kept and each.kind == "constraint"]
     )
     return [
         *(line for sentence in constraints for line in wrapped("constraint", sentence)),
@@ -241,7 +243,8 @@ def _pair_lines(pair: RigPair) -> list[str]:
 
 def _lidar_lines(lidar: LidarCalibration) -> list[str]:
     """Describe a further LiDAR, its verdict first."""
-    lines = wrapped(f"LiDAR {lidar.name}", f"{lidar.status.replace('_', ' ')}: {lidar.verdict}")
+    how_sure = f": {lidar.verdict}" if lidar.status == "trusted" else ""
+    lines = wrapped(f"LiDAR {lidar.name}", f"{lidar.status.replace('_', ' ')}{how_sure}")
     if (registration := lidar.registration) is not None:
         left_out = f", {registration.num_left_out} left out" if registration.num_left_out else ""
         lines += wrapped("registered", f"{counted(registration.num_pairs, 'pair')} of sweeps{left_out}")
@@ -252,8 +255,8 @@ def _lidar_lines(lidar: LidarCalibration) -> list[str]:
 
 def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:
     """Print the verdict on a rig, with the cameras or constraints that caused it."""
-    for constraint in calibration.contradictions:
-        terminal.print(*wrapped("doubt", constraint.reason))
+    for doubt in calibration.doubts:
+        terminal.print(*wrapped("doubt", doubt))
     if calibration.status == "trusted":
         cameras = counted(len(calibration.cameras), "camera")
         if calibration.lidars:

@@ -65,6 +65,11 @@ class DrivePlace:
     images: str | None = None
     """Folder of another LiDAR's drive with the same camera, whose images are listed."""
 
+    @property
+    def is_listed(self) -> bool:
+        """Whether other drives have all of its files."""
+        return self.sweeps is not None and self.images is not None
+
     def prefix(self, folder: str) -> str:
         """Return what precedes the name of a file in a folder of a drive."""
         other = self.sweeps if folder in SWEEP_FOLDERS else self.images

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -73,6 +73,9 @@ class SynthSummary:
     """Number of classes of points and pixels together, before label noise."""
 
 
+NOTHING_WRITTEN = SynthSummary(0, 0, 0)
+
+
 def synthesize(
     config: SynthConfig,
     out: Path,
@@ -123,7 +126,7 @@ def _synthesize(
     with ThreadPoolExecutor(max_workers=2) as threads:
         frames = []
         write = partial(write_frame, config, renderer, out, place)
-        for frame in threads.map(write, range(config.num_frames)):
+        for frame in threads.map(write, range(0 if place.is_listed else config.num_frames)):
             frames.append(frame)
             if progress is not None:
                 progress(len(frames))
@@ -161,7 +164,7 @@ def synthesize_rig(
         force: Whether to write into a folder that is not empty; files with other names are kept.
 
     Returns:
-        The summary of the last camera's drive.
+        The summary of the last camera's drive with the first LiDAR.
 
     Raises:
         InputError: the folder is not empty or cannot be written, or the rig or its motion is impossible.
@@ -175,37 +178,45 @@ def synthesize_rig(
     rig_seed = config.seed if config.rig_seed is None else config.rig_seed
     first_deg = config.camera_azimuth_deg or 0.0
     names = [f"camera_{index}" for index in range(num_cameras)]
-    num_done = 0
+    num_done, summary = 0, NOTHING_WRITTEN
 
     def tell(num_frames: int) -> None:
         if progress is not None:
             progress(num_done + num_frames)
 
     T_first_lidar = {f"lidar_{number}": lidar_mounting(config, number) for number in range(1, num_lidars)}
-    further: dict[str, Any] = {lidar: {"cameras": {}} for lidar in T_first_lidar}
-    for lidar_number, lidar in enumerate(["", *T_first_lidar]):
-        for index, name in enumerate(names):
-            azimuth_deg = (first_deg + 360.0 * index / num_cameras + 180.0) % 360.0 - 180.0
-            camera_config = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
-            drives = [f"{camera}_on_{lidar}" if lidar else camera for camera in names]
-            place = DrivePlace(
-                index,
-                lidar_number,
-                T_first_lidar.get(lidar),
-                sweeps=f"../{drives[0]}" if index else None,
-                images=f"../{name}" if lidar else None,
-            )
-            make_folder(out / drives[index], out)
-            summary = _synthesize(camera_config, out / drives[index], place, tell, force=force)
-            num_done += config.num_frames
-            if lidar:
-                further[lidar]["cameras"][name] = drives[index]
-    document = {"semcal_rig": 1, "cameras": {name: name for name in names}}
-    if further:
-        references = {lidar: T.tolist() for lidar, T in T_first_lidar.items()}
-        document |= {"lidars": further, "T_lidar_lidar": {"lidar": references}}
-    write_text(document_text(document, "yaml"), out / RIG_FILE)
+    for folder, place in _rig_places(names, T_first_lidar).items():
+        azimuth_deg = (first_deg + 360.0 * place.camera / num_cameras + 180.0) % 360.0 - 180.0
+        camera = replace(config, rig_seed=rig_seed + place.camera, camera_azimuth_deg=azimuth_deg)
+        make_folder(out / folder, out)
+        written = _synthesize(camera, out / folder, place, tell, force=force)
+        summary = summary if place.lidar else written
+        num_done += config.num_frames
+    write_text(document_text(_rig_document(names, T_first_lidar), "yaml"), out / RIG_FILE)
     return summary
+
+
+def _rig_places(cameras: list[str], T_first_lidar: Mapping[str, Pose]) -> dict[str, DrivePlace]:
+    """List the drives of a rig by their folders: each camera with the first LiDAR, then with each further one."""
+    places = {}
+    for number, lidar in enumerate(["", *T_first_lidar]):
+        folders = [f"{camera}_on_{lidar}" if lidar else camera for camera in cameras]
+        for index, (camera, folder) in enumerate(zip(cameras, folders, strict=True)):
+            sweeps, images = f"../{folders[0]}" if index else None, f"../{camera}" if lidar else None
+            places[folder] = DrivePlace(index, number, T_first_lidar.get(lidar), sweeps, images)
+    return places
+
+
+def _rig_document(cameras: list[str], T_first_lidar: Mapping[str, Pose]) -> dict[str, Any]:
+    """Make the document of a rig, with the true transforms between its LiDARs for comparison."""
+    document: dict[str, Any] = {"semcal_rig": 1, "cameras": {camera: camera for camera in cameras}}
+    if T_first_lidar:
+        document["lidars"] = {
+            lidar: {"cameras": {camera: f"{camera}_on_{lidar}" for camera in cameras}}
+            for lidar in T_first_lidar
+        }
+        document["T_lidar_lidar"] = {"lidar": {lidar: T.tolist() for lidar, T in T_first_lidar.items()}}
+    return document
 
 
 def lidar_mounting(config: SynthConfig, number: int) -> Pose:

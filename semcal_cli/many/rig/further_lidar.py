@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from semcal_cli.drive.document import Drive
+from semcal_cli.errors import counted
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.many.rig.adjustment import Adjustment, adjust
@@ -26,6 +27,7 @@ from semcal_cli.readable import lengths
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.uncertainty import widest
 
+NOT_REGISTERED = "its sweeps were not registered"
 LidarStatus: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
 MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG = 0.1, 0.5
 """Half widths of the 95 % interval beyond which a transform between LiDARs is not trusted: a wall at 10 m may then be
@@ -95,21 +97,18 @@ def measure_lidars(
     calibrated = tuple(tie for tie in ties if tie is not None)
     _, sensors = adjust(first_cameras(rig, cameras), rig.constraints, calibrated)
     registrations, notes = dict[str, Registration](), dict[str, str]()
-    for name, further_lidar in rig.lidars.items():
-        if not further_lidar.is_registered:
-            continue
+    for name in (name for name, lidar in rig.lidars.items() if lidar.is_registered):
         start = inverse(sensors[name].pose) if name in sensors else rig.reference(FIRST_LIDAR, name)
         if start is None:
-            notes[name] = "its sweeps were not registered: nothing that is trusted says where to start"
+            notes[name] = f"{NOT_REGISTERED}: nothing that is trusted says where to start"
             continue
-        first, further = (_drives_of(lidar, rig, drives) for lidar in (FIRST_LIDAR, name))
-        pairs = read_sweep_pairs(first, further, sweeps)
+        pairs = read_sweep_pairs(_drives_of(FIRST_LIDAR, rig, drives), _drives_of(name, rig, drives), sweeps)
         if (registration := register_sweeps(pairs, start)) is not None:
             registrations[name] = registration
         else:
             notes[name] = (
-                f"its sweeps were not registered: fewer than {MIN_PAIRS} of {len(pairs)} pairs of sweeps of one moment "
-                "overlap enough"
+                f"{NOT_REGISTERED}: fewer than {MIN_PAIRS} of {counted(len(pairs), 'pair')} of one moment overlap "
+                "enough"
             )
     registered = (registration.tie(name) for name, registration in registrations.items())
     # Registrations come first, so that each camera closes a loop of its own.

@@ -64,22 +64,24 @@ class RigCalibration:
         return min([*statuses, *(["not_trusted"] if self.contradictions else [])], key=WORST_FIRST.index)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against the transforms between sensors: wrong ties, and LiDARs that are not known well."""
+        contradictions = tuple(constraint.reason for constraint in self.contradictions)
+        of_lidars = ((lidar.name, reason) for lidar in self.lidars for reason in lidar.reasons)
+        return contradictions + tuple(
+            f"{name}: {reason}" for name, reason in of_lidars if reason not in contradictions
+        )
+
+    @property
     def reasons(self) -> tuple[str, ...]:
         """Ties that are wrong, then findings and errors of all cameras and LiDARs, each preceded by its name."""
-        contradictions = [constraint.reason for constraint in self.contradictions]
         return (
-            *contradictions,
+            *self.doubts,
             *(f"{name}: {reason}" for name, reason in self.failures.items()),
             *(
                 f"{name}: {reason}"
                 for name, calibration in self.cameras.items()
                 for reason in calibration.reasons
-            ),
-            *(
-                f"{lidar.name}: {reason}"
-                for lidar in self.lidars
-                for reason in lidar.reasons
-                if reason not in contradictions
             ),
         )
 

@@ -129,8 +129,9 @@ class Rig(StrictModel):
     def _check_sensors(self) -> Rig:
         if len(self.cameras) < 2 and not self.lidars:
             raise ValueError(f"cameras: {mismatch(f'a mapping of {len(self.cameras)}', 'at least 2')}")
+        further = [view_name(camera, name) for name, lidar in self.lidars.items() for camera in lidar.cameras]
         try:
-            _check_cases([*self.sensors, *(name for name in self.views if name not in self.cameras)])
+            _check_cases([*self.sensors, *further])
         except ValueError as error:
             raise ValueError(f"lidars: {error}") from None
         return self
@@ -193,7 +194,8 @@ class Rig(StrictModel):
     @property
     def all_cameras(self) -> list[str]:
         """Names of the cameras of all LiDARs."""
-        return list(dict.fromkeys(view.camera for view in self.views.values()))
+        further = (camera for lidar in self.lidars.values() for camera in lidar.cameras)
+        return list(dict.fromkeys([*self.cameras, *further]))
 
     @property
     def sensors(self) -> list[str]:

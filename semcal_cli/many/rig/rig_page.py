@@ -92,13 +92,12 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         all_of_them = "Both" if len(statuses) == 2 else f"All {len(statuses)}"
         of_them = f"calibrations of {len(rig.lidars) + 1} LiDARs" if rig.lidars else "cameras"
         return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} {of_them} are trusted.", sure)
-    contradictions = [constraint.reason for constraint in rig.contradictions]
     worst, is_failed = names[rig.status], rig.status == "failed"
     if not worst:
         title, sentence = "The cameras contradict a constraint", "Each camera is trusted alone."
         if rig.lidars:
             title, sentence = "The LiDARs are not tied well", "Each camera is trusted alone."
-        return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(rig.reasons)))
+        return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(rig.doubts)))
     verb = "" if is_failed else "is " if len(worst) == 1 else "are "
     title = f"{len(worst)} of {len(statuses)} cameras {verb}{STATUSES[rig.status]}"
     groups = {
@@ -107,7 +106,7 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         "Do not use these, for the reasons below": names["failed"] + names["not_trusted"],
     }
     sentence = " ".join(f"{advice}: {listed(members)}." for advice, members in groups.items() if members)
-    reasons = list(link_reasons(contradictions))
+    reasons = list(link_reasons(rig.doubts))
     reasons += link_reasons([f"{name}: {error}" for name, error in rig.failures.items()])
     for name, calibration in rig.cameras.items():
         reasons += link_reasons(calibration.reasons, calibration.topics, f"{name}: ")

@@ -20,12 +20,12 @@ from pydantic import Field
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import check_installed
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.files.validation import Count, StatedTransform, StrictModel, Widths
+from semcal_cli.files.validation import Count, StatedTransform, StrictModel, Width, Widths, length
 from semcal_cli.geometry.arrays import Numbers, Points, Pose, Vectors
 from semcal_cli.geometry.poses import orthonormal
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR
-from semcal_cli.many.rig.rig_estimate import twist_between
+from semcal_cli.many.rig.rig_estimate import MANY, twist_between
 from semcal_cli.many.rig.rig_uncertainty import rows
 from semcal_cli.many.rig.shared_clouds import cloud_path
 from semcal_cli.many.rig.ties import Tie
@@ -68,6 +68,8 @@ class Registration(StrictModel):
     """Standard errors of the position along the axes of the first LiDAR, in metres."""
     sigma_deg: Widths
     """Standard errors of the rotation about them, in degrees."""
+    degrees_of_freedom: Annotated[tuple[Width, ...], length(6, 6)]
+    """Degrees of freedom of Student's t of the six."""
     software: str
     """Software that registered them, with its version."""
 
@@ -75,8 +77,7 @@ class Registration(StrictModel):
         """Make the tie of the two LiDARs."""
         T = np.array(self.T_lidar_further)
         covariance = np.diag(np.array([*self.sigma_m, *np.radians(self.sigma_deg)]) ** 2)
-        freedom = np.full(6, self.num_pairs - 1.0)
-        uncertainty = Uncertainty.from_covariance(T, covariance, freedom)
+        uncertainty = Uncertainty.from_covariance(T, covariance, np.array(self.degrees_of_freedom))
         return Tie("registration", FIRST_LIDAR, lidar, T, covariance, uncertainty)
 
 
@@ -134,14 +135,17 @@ def register_sweeps(pairs: Sequence[SweepPair], T_start: Pose) -> Registration |
     registered = [T for pair in pairs if (T := _register(pair, T_start)) is not None]
     if len(registered) < MIN_PAIRS:
         return None
-    mean, errors = robust_mean(np.array([twist_between(T, T_start) for T in registered]))
-    errors = np.hypot(errors, np.repeat([FLOOR_M, math.radians(FLOOR_DEG)], 3))
+    mean, scatter = robust_mean(np.array([twist_between(T, T_start) for T in registered]))
+    errors = np.hypot(scatter, np.repeat([FLOOR_M, math.radians(FLOOR_DEG)], 3))
+    # Only the scatter is estimated (Satterthwaite).
+    freedom = (len(registered) - 1) * (errors / np.maximum(scatter, errors / MANY)) ** 4
     return Registration(
         T_lidar_further=rows(orthonormal(apply_twist(T_start, mean))),
         num_pairs=len(registered),
         num_left_out=len(pairs) - len(registered),
         sigma_m=tuple(errors[:3].tolist()),
         sigma_deg=tuple(np.degrees(errors[3:]).tolist()),
+        degrees_of_freedom=tuple(np.minimum(freedom, MANY).tolist()),
         software=f"small_gicp {version('small_gicp')}",
     )
 
