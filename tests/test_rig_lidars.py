@@ -1,5 +1,6 @@
 """Rigs of several LiDARs: what ties them together, what loops say of it, and the commands."""
 
+import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,8 +22,15 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, inverse
 from semcal_cli.many.rig.adjustment import adjust
-from semcal_cli.many.rig.further_lidar import MAX_HALF_WIDTH_DEG
+from semcal_cli.many.rig.further_lidar import (
+    MAX_HALF_WIDTH_DEG,
+    assess_lidar,
+    first_cameras,
+    measure_lidars,
+)
+from semcal_cli.many.rig.rig_calibration import combine
 from semcal_cli.many.rig.rig_document import read_rig
+from semcal_cli.many.rig.rig_page import rig_verdict
 from semcal_cli.many.rig.rig_pair import from_first_lidar
 from semcal_cli.many.rig.sweep_registration import (
     SweepPair,
@@ -315,6 +323,34 @@ def test_the_command_places_the_lidar(lidars: Path, results: tuple[Result, Path]
     page = (tmp_path / "again.html").read_text()
     assert "p_lidar = T_lidar_lidar_1 p_lidar_1: from lidar_1 to lidar" in page
     assert page.count("chance explains it") == len(loops)
+
+
+def test_a_wrong_calibration_is_named_and_neither_lidar_nor_rig_is_trusted(
+    lidars: Path, results: tuple[Result, Path], rng: np.random.Generator
+) -> None:
+    """The registration, which starts between the two cameras, shows which of them is wrong."""
+    rig, sound = read_rig(lidars), {"status": "trusted", "reasons": (), "topics": ()}
+    drives, truth = rig.read_drives(), rig.reference("lidar", LIDAR)
+    cameras = {
+        name: read_calibration(results[1] / f"{name}.yaml").model_copy(update=sound) for name in rig.views
+    }
+    turned = cameras[f"camera_1_on_{LIDAR}"]
+    turn = exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(2.0), 0.0]))
+    cameras[f"camera_1_on_{LIDAR}"] = with_pose(turned, turn @ turned.pose, turned.covariance)
+    measured = measure_lidars(rig, cameras, drives)
+    adjustment, sensors = adjust(first_cameras(rig, cameras), (), measured.ties)
+    lidar = assess_lidar(LIDAR, rig, drives, cameras, adjustment, sensors, measured)
+    whole = combine(rig, drives, cameras, {}, 6, adjustment, (lidar,))
+    (reason,) = whole.reasons
+    assert re.match(r"the calibration of camera_1 with lidar_1 is (1\.9|2\.0|2\.1) degrees and ", reason)
+    assert reason.endswith(
+        "was left out: check the drives of camera_1 with lidar_1 and with the first LiDAR, and the others of its loops"
+    )
+    assert (whole.status, lidar.status, lidar.reasons) == ("not_trusted", "not_trusted", (reason,))
+    assert lidar.pair.believed_uncertainty is None
+    assert compare_poses(lidar.pair.T_a_b, truth).rotation_deg < 0.05
+    assert [loop.is_explained for loop in adjustment.loops] == [True, False]
+    assert rig_verdict(whole).title == "The LiDARs are not tied well"
 
 
 def test_overlays_and_inspection_take_each_camera_with_each_lidar(

@@ -44,8 +44,8 @@ POSE_FORMS = {
     "quaternion_xyzw",
 }
 """Fields that `CalibrationDocument.from_pose` derives from a pose."""
-MAX_SENSORS = MAX_CAMERAS + MAX_LIDARS
-MAX_TIES = MAX_CONSTRAINTS + MAX_LIDARS * (MAX_CAMERAS + 1)
+MAX_SENSORS = 2 * MAX_CAMERAS + MAX_LIDARS
+MAX_TIES = MAX_CONSTRAINTS + MAX_CAMERAS + MAX_LIDARS
 """Largest number of sensors, and of ties that are compared."""
 MAX_ROWS = NUM_AXES * MAX_SENSORS
 """Largest number of rows of the covariance of all sensors."""

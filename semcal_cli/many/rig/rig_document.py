@@ -130,6 +130,8 @@ class Rig(StrictModel):
         if len(self.cameras) < 2 and not self.lidars:
             raise ValueError(f"cameras: {mismatch(f'a mapping of {len(self.cameras)}', 'at least 2')}")
         further = [view_name(camera, name) for name, lidar in self.lidars.items() for camera in lidar.cameras]
+        if len(further) > MAX_CAMERAS:
+            raise ValueError(f"lidars: {mismatch(f'{len(further)} drives', f'at most {MAX_CAMERAS}')}")
         try:
             _check_cases([*self.sensors, *further])
         except ValueError as error:
