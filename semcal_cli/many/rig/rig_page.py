@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from fractions import Fraction
 
@@ -50,13 +50,14 @@ def rig_page_html(
         InputError: a sweep or an image is missing or wrong.
     """
     progress("reading a frame of each camera")
-    poses = {name: calibration.pose for name, calibration in rig.cameras.items()}
-    views = _camera_views(drives, poses)
+    around = _around_one_lidar(rig)
+    views = _camera_views(
+        drives, {name: calibration.pose for name, calibration in rig.cameras.items()}, around
+    )
     progress("drawing points on images")
     images, depths = _images(views)
     progress("writing the page")
-    # Poses of other calibrations are relative to another LiDAR.
-    cloud = sweep_cloud([view for view in views if view.name in rig.first_cameras])
+    cloud = sweep_cloud([view for view in views if view.name in around])
     return render_page(
         "many/rig/page.html",
         ("report/cloud.js",),
@@ -128,12 +129,26 @@ def _how_sure(calibration: CalibrationDocument) -> str:
     return "Its error is unknown." if calibration.uncertainty is None else words.NOT_BELIEVED
 
 
-def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> list[SweepView]:
-    """Read one frame of each camera with a pose: that of the sweep that most cameras share, or else its first."""
+def _around_one_lidar(rig: RigCalibration) -> list[str]:
+    """Select the calibrations of one LiDAR, the first one that has any, as only their poses are in one frame."""
+    of_lidars = ([*rig.first_cameras], *([*lidar.views.values()] for lidar in rig.lidars))
+    return next(names for names in ([*filter(rig.cameras.get, views)] for views in of_lidars) if names)
+
+
+def _camera_views(
+    drives: Mapping[str, Drive], poses: Mapping[str, Pose], around: Sequence[str]
+) -> list[SweepView]:
+    """Read one frame of each camera with a pose: that of the sweep that most cameras around share, or else its first.
+
+    Args:
+        drives: Drive of each camera.
+        poses: T_camera_lidar (4, 4) of each.
+        around: The cameras of one LiDAR.
+    """
     sweeps = {
         name: [cloud_path(drives[name], frame.points) for frame in drives[name].frames] for name in poses
     }
-    counts = Counter(sweep for paths in sweeps.values() for sweep in dict.fromkeys(paths))
+    counts = Counter(sweep for name in around for sweep in dict.fromkeys(sweeps[name]))
     ((shared_sweep, _),) = counts.most_common(1)
     views = []
     for name, T in poses.items():
