@@ -136,6 +136,34 @@ def test_the_covariance_between_lidars_is_that_of_their_scatter(sure: Calibratio
     assert np.var(errors_m, axis=0) == pytest.approx(np.diag(stated), rel=4.0 * np.sqrt(2.0 / 200))
 
 
+def test_errors_of_k_that_calibrations_share_are_counted_once(sure: CalibrationDocument) -> None:
+    """Both calibrations of each camera err by the same error of its intrinsics, far more than by chance."""
+    rng = np.random.default_rng(11)
+    truth, squares = poses(rng), []
+    J = {name: 10.0 * np.diag(SIGMA)[:, [0, 1, 4, 5]] for name in SENSORS[:2]}
+    covariance = {name: np.diag(SIGMA**2) + J[name] @ J[name].T for name in J}
+    for _ in range(100):
+        k = {name: rng.standard_normal(4) for name in J}
+        exact = Measured(sure, truth, rng, by=1.0)
+
+        def shifted(name: str, T: Pose, k: dict = k) -> CalibrationDocument:
+            moved = with_pose(sure, exp(J[name] @ k[name]) @ T, covariance[name])
+            of_K = {"covariance_of_intrinsics": J[name] @ J[name].T, "twist_by_intrinsics": J[name]}
+            rows = {part: tuple(map(tuple, matrix.tolist())) for part, matrix in of_K.items()}
+            return moved.model_copy(update={"uncertainty": moved.uncertainty.model_copy(update=rows)})
+
+        cameras = {name: shifted(name, camera.pose) for name, camera in exact.cameras.items()}
+        ties = [Tie.of_calibration(tie.to, tie.source, shifted(tie.to, tie.pose)) for tie in exact.ties[1:]]
+        adjustment, found = adjust(cameras, [], ties)
+        error = np.concatenate([twist(found[name].pose @ inverse(truth[name])) for name in SENSORS])
+        squares.append(error @ np.linalg.solve(np.array(adjustment.covariance), error))
+        own = [twist(found[name].pose @ inverse(truth[name])) for name in SENSORS]
+        alone = [np.array(found[name].uncertainty.covariance) for name in SENSORS]
+        squares[-1] += sum(e @ np.linalg.solve(C, e) for e, C in zip(own, alone, strict=True))
+    # Eighteen axes together, and once more one sensor after the other; twice the spread of chi-square at most.
+    assert np.mean(squares) == pytest.approx(36.0, abs=4.0 * 12.0 / np.sqrt(100))
+
+
 def test_exact_measurements_close_every_loop(sure: CalibrationDocument) -> None:
     measured = Measured(sure, poses(rng := np.random.default_rng(4)), rng, by=0.0)
     adjustment, found = adjust(measured.cameras, [], measured.ties)
@@ -178,6 +206,19 @@ def test_a_wrong_measurement_is_named_and_draws_nothing(
         measured.cameras, [], [tie for tie in measured.ties if tie is not measured.ties[place]]
     )
     assert found["rear"].pose == pytest.approx(expected["rear"].pose, abs=1e-12)
+
+
+def test_a_wrong_calibration_with_the_first_lidar_shows_in_that_with_the_further_one(
+    sure: CalibrationDocument,
+) -> None:
+    """Nothing else ties the camera, so that its two calibrations differ from each other alone. Both are named."""
+    rng = np.random.default_rng(7)
+    measured = Measured(sure, poses(rng), rng, by=1.0)
+    direct = Tie.of_calibration("front", "lidar", measured.cameras["front"])
+    cameras = measured.cameras | {"front": with_pose(sure, wrong(direct, 2.0, rng).pose, direct.covariance)}
+    (named,) = adjust(cameras, [], measured.ties)[0].contradictions
+    assert (named.kind, named.to, named.source) == ("calibration", "front", "rear")
+    assert "check the drives of front with rear and with the first LiDAR" in named.reason
 
 
 def test_two_that_contradict_each_other_are_a_loop_that_does_not_close(sure: CalibrationDocument) -> None:

@@ -26,7 +26,13 @@ from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR, MAX_CONSTRAINTS, MAX_LIDARS, Constraint
 from semcal_cli.many.rig.rig_estimate import NUM_AXES, Closure, RigEstimate
-from semcal_cli.many.rig.rig_uncertainty import ROUND_OFF, AdjustedSensor, adjusted_sensor, rows
+from semcal_cli.many.rig.rig_uncertainty import (
+    ROUND_OFF,
+    AdjustedSensor,
+    adjusted_sensor,
+    joint_covariance,
+    rows,
+)
 from semcal_cli.many.rig.ties import Tie, TieKind, in_reach, loop_of
 from semcal_cli.observations.observations import Observations
 from semcal_cli.readable import figure, lengths
@@ -167,7 +173,7 @@ class Adjustment(StrictModel):
     """Sensors that took part: cameras and further LiDARs that are not untrusted and have an uncertainty."""
     covariance: Annotated[tuple[Annotated[tuple[Figure, ...], length(0, MAX_ROWS)], ...], length(0, MAX_ROWS)]
     """Covariance of their twists in this order, six each, in metres and radians, each in the frame of its sensor. The
-    errors of calibrations are taken as independent."""
+    errors of calibrations are taken as independent, but for those of the intrinsics of one camera."""
     constraints: Annotated[tuple[ComparedConstraint, ...], length(0, MAX_TIES)]
     """All constraints between them, and the measurements of further LiDARs that others can be compared with."""
     skipped: Annotated[tuple[Annotated[tuple[str, ...], length(2, 2)], ...], length(0, MAX_CONSTRAINTS)] = ()
@@ -246,7 +252,7 @@ def adjust(
     estimate = RigEstimate.fit([*direct, *kept])
     together = Adjustment(
         cameras=tuple(estimate.poses),
-        covariance=rows(estimate.covariance),
+        covariance=rows(joint_covariance(estimate)),
         constraints=tuple(ComparedConstraint.of(tie, closures[tie]) for tie in others if tie in closures),
         skipped=tuple((each.to, each.source) for each in constraints if each not in used),
         loops=loop_closures([*direct, *others]),

@@ -4,9 +4,12 @@ By labels, errors of calibrations are taken as independent. Those of other cues 
 which cameras of one LiDAR share to an unknown degree. The covariance of a sum of errors e_c of unknown correlation is
 at most sum C_c / w_c with any weights that sum to one (the bound of covariance intersection: Julier and Uhlmann, *A
 non-divergent estimation algorithm in the presence of unknown correlations*, ACC 1997); it is smallest in proportion to
-the sizes of the errors. Calibrations of one camera with several LiDARs share its intrinsics, whose errors cancel for
-the most part in the transform between the LiDARs; they are taken as independent, so that its interval is too wide
-rather than too narrow.
+the sizes of the errors.
+
+Calibrations of one camera with several LiDARs share its intrinsics: the twists J_t k that errors k of these cause in
+each tie t, with gain G_t, add to (sum G_t J_t) (sum G_t J_t)^T. That they do not average out widens the interval of the
+camera, and that they cancel for the most part narrows that of the transform between the LiDARs. The gain itself, and
+the comparison of ties, take them as independent.
 """
 
 from __future__ import annotations
@@ -37,6 +40,38 @@ class AdjustedSensor(NamedTuple):
     """Its uncertainty, for a twist on its left in the frame of the sensor."""
 
 
+def joint_covariance(estimate: RigEstimate) -> Matrix:
+    """Compute the covariance (6 n, 6 n) of all sensors, with the errors of intrinsics that ties share."""
+    return _with_shared(estimate.covariance, estimate, slice(None))
+
+
+def _with_shared(covariance: Matrix, estimate: RigEstimate, place: slice) -> Matrix:
+    """Correct a covariance, in which ties are independent, for the errors of intrinsics that they share.
+
+    Args:
+        covariance: (k, k) covariance, or its part by intrinsics.
+        estimate: The estimate.
+        place: Rows of the k components.
+    """
+    for camera in dict.fromkeys(source.to for source in estimate.sources):
+        if len(twists := _by_intrinsics(camera, estimate, place)) > 1:
+            together = np.sum(twists, axis=0)
+            alone = np.sum([twist @ twist.T for twist in twists], axis=0)
+            covariance = covariance + together @ together.T - alone
+    return covariance
+
+
+def _by_intrinsics(camera: str, estimate: RigEstimate, place: slice) -> list[Matrix]:
+    """Return the twists (k, 4) by errors of the intrinsics of a camera, for each of its ties."""
+    return [
+        estimate.gain[place, estimate.source_place(source)] @ np.array(source.uncertainty.twist_by_intrinsics)
+        for source in estimate.sources
+        if source.to == camera
+        and source.uncertainty is not None
+        and source.uncertainty.twist_by_intrinsics is not None
+    ]
+
+
 def adjusted_sensor(name: str, estimate: RigEstimate) -> AdjustedSensor:
     """Compute the uncertainty of a sensor by all that is measured and stated.
 
@@ -60,24 +95,17 @@ def adjusted_sensor(name: str, estimate: RigEstimate) -> AdjustedSensor:
         spread += (np.diag(parts[source]) / weight) ** 2 / np.maximum(degrees, 1.0)
         if (by_intrinsics := source.uncertainty.covariance_of_intrinsics) is not None:
             of_intrinsics += _carried(gains[source], by_intrinsics) / weight
+    covariance = _with_shared(covariance, estimate, place)
+    of_intrinsics = _with_shared(of_intrinsics, estimate, place)
     freedom = np.clip(np.diag(covariance) ** 2 / np.maximum(spread, TINY), 1.0, MANY)
     adjusted = Uncertainty.from_covariance(pose, symmetric(covariance), freedom)
     of_K = rows(of_intrinsics) if of_intrinsics.any() else None
-    kept = {"covariance_of_intrinsics": of_K} | ({} if own is None else _kept(own, gains[own]))
+    kept: dict[str, object] = {"covariance_of_intrinsics": of_K}
+    if own is not None and own.uncertainty is not None:
+        kept |= {part: getattr(own.uncertainty, part) for part in ("label_bleed", "intrinsics_cost")}
+        twists = _by_intrinsics(name, estimate, place)
+        kept |= {"twist_by_intrinsics": rows(np.sum(twists, axis=0))} if twists else {}
     return AdjustedSensor(pose, adjusted.model_copy(update=kept))
-
-
-def _kept(own: Tie, gain: Matrix) -> dict[str, object]:
-    """Return what stays of the uncertainty of a camera alone, given the gain (6, 6) from its errors."""
-    uncertainty = own.uncertainty
-    assert uncertainty is not None
-    kept: dict[str, object] = {
-        "label_bleed": uncertainty.label_bleed,
-        "intrinsics_cost": uncertainty.intrinsics_cost,
-    }
-    if uncertainty.twist_by_intrinsics is not None:
-        kept["twist_by_intrinsics"] = rows(gain @ np.array(uncertainty.twist_by_intrinsics))
-    return kept
 
 
 def _weights(parts: Mapping[Tie, Matrix], variances: Numbers) -> dict[Tie, float]:
