@@ -100,7 +100,8 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
             title, sentence = "The LiDARs are not tied well", "Each camera is trusted alone."
         return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(rig.doubts)))
     verb = "" if is_failed else "is " if len(worst) == 1 else "are "
-    title = f"{len(worst)} of {len(statuses)} cameras {verb}{STATUSES[rig.status]}"
+    kind = "calibrations" if rig.lidars else "cameras"
+    title = f"{len(worst)} of {len(statuses)} {kind} {verb}{STATUSES[rig.status]}"
     groups = {
         "These can be used": names["trusted"],
         "The accuracy of these is unknown": names["not_assessed"],
