@@ -499,14 +499,24 @@ class Projected:
 
 @final
 class Renderer:
-    """Renders synthetic streets for one rig."""
+    """Renders synthetic streets for one camera and one LiDAR of a rig."""
 
-    def __new__(cls, camera: Camera, t_camera_lidar: _Float64, config: SynthConfig) -> Renderer:
-        """Prepare a rig; raises `InputError` if the LiDAR has no rays or the camera is too far from it."""
+    def __new__(
+        cls,
+        camera: Camera,
+        t_camera_rig: _Float64,
+        config: SynthConfig,
+        t_rig_lidar: _Float64 | None = None,
+        lidar_number: int = 0,
+    ) -> Renderer:
+        """Prepare a rig, whose frame is that of its first LiDAR, with the pose and the number of the LiDAR to render.
+
+        Raises `InputError` if the LiDAR has no rays, or the camera or the LiDAR is too far from the first one.
+        """
     def frame(self, seed: int, number: int, twist_per_s: Sequence[float] | None = None) -> RenderedFrame:
         """Render one frame, by the seed of the world and the frame's number.
 
-        With a twist (6,), metres and radians per second in the LiDAR frame, the rig moves during the frame.
+        With a twist (6,), metres and radians per second in the frame of the first LiDAR, the rig moves meanwhile.
         """
 
 @final

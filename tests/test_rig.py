@@ -20,8 +20,8 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import adjoint
-from semcal_cli.many.rig.rig_calibration import Reference, make_pair
 from semcal_cli.many.rig.rig_document import find_rig, read_rig
+from semcal_cli.many.rig.rig_pair import Reference, make_pair
 from semcal_cli.observations.reading import read_label_images
 from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig

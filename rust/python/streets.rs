@@ -1,7 +1,7 @@
 //! Synthetic streets.
 
 use geometry::shutter::Shutter;
-use nalgebra::Vector6;
+use nalgebra::{Isometry3, Vector6};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use streets::{Class, Lidar, RenderedFrame, Renderer, Rig, Visibility};
@@ -22,10 +22,24 @@ pub(super) struct PyRenderer {
 #[pymethods]
 impl PyRenderer {
     #[new]
-    fn new(camera: &PyCamera, t_camera_lidar: Pose, config: &Bound<'_, PyAny>) -> PyResult<Self> {
+    #[pyo3(signature = (camera, t_camera_rig, config, t_rig_lidar = None, lidar_number = 0))]
+    fn new(
+        camera: &PyCamera,
+        t_camera_rig: Pose,
+        config: &Bound<'_, PyAny>,
+        t_rig_lidar: Option<Pose>,
+        lidar_number: u32,
+    ) -> PyResult<Self> {
         let (Foreign(lidar), Foreign(shutter)): (Foreign<Lidar>, Foreign<Shutter>) =
             (config.extract()?, config.extract()?);
-        let rig = Rig { lidar, camera: camera.0.clone(), t_camera_lidar: t_camera_lidar.0, shutter };
+        let rig = Rig {
+            lidar,
+            lidar_number,
+            t_rig_lidar: t_rig_lidar.map_or_else(Isometry3::identity, |pose| pose.0),
+            camera: camera.0.clone(),
+            t_camera_rig: t_camera_rig.0,
+            shutter,
+        };
         let size = [camera.0.height, camera.0.width];
         Ok(Self { renderer: detached(|| Renderer::new(rig)).map_err(Error::from)?, size })
     }

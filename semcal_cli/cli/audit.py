@@ -132,7 +132,7 @@ def _find_drives(arguments: tuple[str, ...]) -> _Chosen:
         if rig is not None:
             rigs.append(rig.path)
             cameras = {
-                camera: os.path.normpath(rig.path.parent / drive) for camera, drive in rig.cameras.items()
+                name: os.path.normpath(rig.path.parent / view.drive) for name, view in rig.views.items()
             }
         for camera, drive in cameras.items():
             file = os.path.realpath(drive_file(Path(drive)))

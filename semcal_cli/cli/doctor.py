@@ -40,6 +40,9 @@ EXTRAS = {
         {"kiss_icp": "kiss-icp"},
         "the motion of the LiDAR from its sweeps, which deskews them and checks the clock",
     ),
+    "registration": Extra(
+        {"small_gicp": "small_gicp"}, "the registration of the sweeps of several LiDARs of a rig"
+    ),
     "label": Extra(
         {"onnxruntime": "onnxruntime", "huggingface_hub": "huggingface_hub"}, "image labels by networks"
     ),

@@ -217,7 +217,9 @@ def colmap(settings: ColmapSettings) -> None:
         )
     result, drives, read = read_rig_files(rig, settings.results, settings.max_points)
     check_outputs(read, settings.output)
-    cameras = {name: RigCamera(record.pose, drives[name].camera) for name, record in result.cameras.items()}
+    cameras = {
+        name: RigCamera(record.pose, drives[name].camera) for name, record in result.first_cameras.items()
+    }
     notes = [f"{name}: left out, {error}" for name, error in result.failures.items()]
     if not cameras:
         raise InputError(f"{settings.results}: found no camera with a transform; {notes[0]}")
@@ -226,7 +228,7 @@ def colmap(settings: ColmapSettings) -> None:
         raise InputError(f"--reference: found {reference!r}, expected {one_of(reference, cameras)}")
     notes += [
         f"{name}: not trusted, see its reasons"
-        for name, record in result.cameras.items()
+        for name, record in result.first_cameras.items()
         if record.status == "not_trusted"
     ]
     write_bytes(rig_config(cameras, reference, notes.append), settings.output)

@@ -1,4 +1,4 @@
-"""`semcal calibrate rig.yaml`: several cameras of one LiDAR in one run."""
+"""`semcal calibrate rig.yaml`: several cameras and LiDARs in one run."""
 
 from __future__ import annotations
 
@@ -25,9 +25,11 @@ from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.many.rig.adjustment import STAGE, adjust, adjusted_calibration
+from semcal_cli.many.rig.further_lidar import LidarCalibration, assess_lidar, first_cameras, measure_lidars
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
 from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.many.rig.rig_page import rig_page_html
+from semcal_cli.many.rig.sweep_registration import check_registration
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.skew import Skew
 from semcal_cli.result.applied import apply_result
@@ -39,8 +41,10 @@ from semcal_cli.threads import set_num_threads
 if TYPE_CHECKING:
     from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.config import CalibrationConfig
     from semcal_cli.drive.document import Drive
-    from semcal_cli.many.rig.rig_calibration import CameraPair
+    from semcal_cli.many.rig.rig_pair import RigPair
+    from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor
 
 OF_ONE_CAMERA = (
     *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
@@ -69,6 +73,9 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         raise click.UsageError(
             f"-o: {rig.path} is a rig, whose results are several files; give a folder for them"
         )
+    for name, lidar in rig.lidars.items():
+        if lidar.is_registered:
+            check_registration(f"{rig.path}: lidars.{name}.register")
     page, result = settings.page, folder / f"{RESULT}.yaml"
     drives = rig.read_drives(settings.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
@@ -94,14 +101,18 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
         raise CalibrationError(failure_sentence(failures, len(drives)))
-    adjustment, poses = adjust(cameras, rig.constraints) if rig.constraints else (None, {})
-    for name, (T, uncertainty) in poses.items():
-        if not np.array_equal(T, cameras[name].pose):
-            data = load(cameras[name].applied_to(drives[name]), config, sweeps=sweeps).unrolled(T)
-            seen = Skew.undone(data.observations, data.drive, T, cameras[name].deskewed_m_s)
-            cameras[name] = adjusted_calibration(cameras[name], seen, T, uncertainty)
-            write_calibration(cameras[name], folder / f"{name}.yaml")
-    result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different, adjustment)
+    adjustment, lidars = None, tuple[LidarCalibration, ...]()
+    if rig.constraints or rig.lidars:
+        measured = measure_lidars(rig, cameras, drives, sweeps)
+        adjustment, sensors = adjust(first_cameras(rig, cameras), rig.constraints, measured.ties)
+        lidars = tuple(
+            assess_lidar(name, rig, drives, cameras, adjustment, sensors, measured) for name in rig.lidars
+        )
+        for name in first_cameras(rig, cameras):
+            if name in sensors and not np.array_equal(sensors[name].pose, cameras[name].pose):
+                cameras[name] = _moved(cameras[name], drives[name], sensors[name], config, sweeps)
+                write_calibration(cameras[name], folder / f"{name}.yaml")
+    result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different, adjustment, lidars)
     _write(result_of_rig, rig, drives, result, hashes)
     if settings.log is not None:
         logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
@@ -117,6 +128,19 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     if failures:
         raise CalibrationError(failure_sentence(failures, len(drives)))
     return exit_code(result_of_rig)
+
+
+def _moved(
+    calibration: CalibrationDocument,
+    drive: Drive,
+    sensor: AdjustedSensor,
+    config: CalibrationConfig,
+    sweeps: SweepCache,
+) -> CalibrationDocument:
+    """Return the calibration of a camera at its adjusted pose."""
+    data = load(calibration.applied_to(drive), config, sweeps=sweeps).unrolled(sensor.pose)
+    seen = Skew.undone(data.observations, data.drive, sensor.pose, calibration.deskewed_m_s)
+    return adjusted_calibration(calibration, seen, sensor.pose, sensor.uncertainty)
 
 
 def _choose_starts(
@@ -179,12 +203,16 @@ def _lines(calibration: RigCalibration, result: Path) -> list[str]:
     num_frames = sum(len(camera.input.frames) for camera in calibration.cameras.values())
     adjustment = calibration.adjustment
     constraints = (
-        [] if adjustment is None else [each.sentence for each in adjustment.constraints if each.is_kept]
+        []
+        if adjustment is None
+        else [each.sentence for each in adjustment.constraints if each.is_kept and each.kind == "constraint"]
     )
     return [
         *(line for sentence in constraints for line in wrapped("constraint", sentence)),
         *(line for name in calibration.cameras for line in _adjusted_lines(name, calibration)),
         *(line for pair in calibration.pairs for line in _pair_lines(pair)),
+        *(line for lidar in calibration.lidars for line in _lidar_lines(lidar)),
+        *(line for loop in calibration.loops for line in wrapped("loop", loop.sentence)),
         labelled("sweeps", f"{calibration.num_sweeps:,} for {num_frames:,} frames"),
         *(line for note in calibration.notes for line in wrapped("note", note)),
         labelled("written to", str(result)),
@@ -200,10 +228,10 @@ def _adjusted_lines(name: str, calibration: RigCalibration) -> list[str]:
     return [*wrapped(name, camera.notes[-1]), labelled("95 % interval", center), labelled("", rotation)]
 
 
-def _pair_lines(pair: CameraPair) -> list[str]:
+def _pair_lines(pair: RigPair) -> list[str]:
     lines = [f"T_{pair.a}_{pair.b}", *(labelled("", line) for line in matrix_lines(pair.T_a_b))]
-    if pair.believed_uncertainty is not None:
-        center, rotation = intervals(pair.believed_uncertainty.half_widths)
+    center, rotation = pair.intervals
+    if center:
         lines += [labelled("95 % interval", center), labelled("", rotation)]
     if pair.distance:
         lines.append(labelled("reference", pair.distance))
@@ -213,17 +241,32 @@ def _pair_lines(pair: CameraPair) -> list[str]:
     return lines
 
 
+def _lidar_lines(lidar: LidarCalibration) -> list[str]:
+    """Describe a further LiDAR, its verdict first."""
+    how_sure = f": {lidar.verdict}" if lidar.status == "trusted" else ""
+    lines = wrapped(f"LiDAR {lidar.name}", f"{lidar.status.replace('_', ' ')}{how_sure}")
+    if (registration := lidar.registration) is not None:
+        left_out = f", {registration.num_left_out} left out" if registration.num_left_out else ""
+        lines += wrapped("registered", f"{counted(registration.num_pairs, 'pair')} of sweeps{left_out}")
+    if lidar.pair is not None:
+        lines += _pair_lines(lidar.pair)
+    return [*lines, *(line for camera in lidar.own_cameras for line in _pair_lines(camera))]
+
+
 def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:
     """Print the verdict on a rig, with the cameras or constraints that caused it."""
-    for constraint in calibration.contradictions:
-        terminal.print(*wrapped("doubt", constraint.reason))
+    for doubt in calibration.doubts:
+        terminal.print(*wrapped("doubt", doubt))
     if calibration.status == "trusted":
         cameras = counted(len(calibration.cameras), "camera")
+        if calibration.lidars:
+            cameras = f"{len(calibration.cameras)} calibrations of {len(calibration.lidars) + 1} LiDARs"
         terminal.print_verdict(verdict_line("trusted", cameras), "trusted")
         return
     worst = calibration.failures or [
         *(name for name, camera in calibration.cameras.items() if camera.status == calibration.status),
-        *(f"the constraint of {each.to} and {each.source}" for each in calibration.contradictions),
+        *(lidar.name for lidar in calibration.lidars if lidar.status == calibration.status),
+        *(contradiction.name for contradiction in calibration.contradictions),
     ]
     terminal.print_verdict(
         verdict_line(calibration.status, ", ".join(worst)),

@@ -34,6 +34,13 @@ class SynthSettings(SynthConfig, ThreadSettings):
         minimum=2,
         maximum=99,
     )
+    num_lidars: int | None = option(
+        "Mount N LiDARs, each camera with each of them as a drive of its own, such as OUT/camera_0_on_lidar_1. Needs "
+        "--cameras.",
+        "--lidars",
+        minimum=2,
+        maximum=9,
+    )
     seed: int = setting_of(CalibrationConfig, "seed")
     force: bool = option("Write into a folder that is not empty; other files in it stay.", default=False)
 
@@ -49,6 +56,8 @@ class SynthSettings(SynthConfig, ThreadSettings):
         if config.fov_down_deg >= config.fov_up_deg:
             needed = f"needed less than --fov-up-deg, {config.fov_up_deg}"
             raise click.UsageError(f"--fov-down-deg: found {config.fov_down_deg}, {needed}")
+        if self.num_lidars is not None and self.num_cameras is None:
+            raise click.UsageError("--lidars: found no --cameras, whose drives tie the LiDARs.")
         try:
             check_motion(config)
         except InputError as error:
@@ -72,12 +81,13 @@ def synth(settings: SynthSettings) -> None:
     from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
     from semcal_cli.threads import set_num_threads
 
-    drives, num_cameras, force = settings.drives(), settings.num_cameras, settings.force
+    drives, num_cameras, num_lidars = settings.drives(), settings.num_cameras, settings.num_lidars
+    force = settings.force
     set_num_threads(settings.threads)
     start = perf_counter()
     with settings.terminal() as terminal:
         for config, folder in drives:
-            total = (num_cameras or 1) * config.num_frames
+            total = (num_cameras or 1) * (num_lidars or 1) * config.num_frames
 
             def tell(done: int, doing: str = f"rendering {folder}", total: int = total) -> None:
                 terminal.on_event(Progress(doing, done, total))
@@ -85,7 +95,9 @@ def synth(settings: SynthSettings) -> None:
             if num_cameras is None:
                 summary = synthesize(config, folder, tell, force=force)
             else:
-                summary = synthesize_rig(config, num_cameras, folder, tell, force=force)
+                summary = synthesize_rig(
+                    config, num_cameras, folder, tell, force=force, num_lidars=num_lidars or 1
+                )
             terminal.print(f"wrote {folder}")
     prefix = "" if settings.num_drives is None else "last drive: "
     terminal.print(

@@ -15,7 +15,7 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.image_files import write_image
 from semcal_cli.files.output_files import write_bytes
-from semcal_cli.geometry.arrays import ClassIds
+from semcal_cli.geometry.arrays import ClassIds, Pose
 from semcal_cli.synthetic.label_noise import mislabel
 from semcal_cli.synthetic.street_motion import (
     IMAGE_LABELS,
@@ -50,10 +50,36 @@ class FrameSummary:
     """Classes of points and pixels, before label noise."""
 
 
+@dataclass(frozen=True)
+class DrivePlace:
+    """Place of a drive in a rig: its camera and LiDAR, and the drives that have its sweeps and images already."""
+
+    camera: int = 0
+    """Number of the camera. The label noise differs between cameras."""
+    lidar: int = 0
+    """Number of the LiDAR. So does that of points between LiDARs."""
+    T_first_lidar: Pose | None = None
+    """(4, 4) pose of the LiDAR in the frame of the first one, metres; None for the first one."""
+    sweeps: str | None = None
+    """Folder, relative to this drive's, of another camera's drive with the same LiDAR, whose sweeps are listed."""
+    images: str | None = None
+    """Folder of another LiDAR's drive with the same camera, whose images are listed."""
+
+    @property
+    def is_listed(self) -> bool:
+        """Whether other drives have all of its files."""
+        return self.sweeps is not None and self.images is not None
+
+    def prefix(self, folder: str) -> str:
+        """Return what precedes the name of a file in a folder of a drive."""
+        other = self.sweeps if folder in SWEEP_FOLDERS else self.images
+        return "" if other is None else f"{other}/"
+
+
 def write_frame(
-    config: SynthConfig, renderer: core.Renderer, out: Path, sweeps: str | None, camera: int, number: int
+    config: SynthConfig, renderer: core.Renderer, out: Path, place: DrivePlace, number: int
 ) -> FrameSummary:
-    """Render a frame and write its files; the sweep only if no other camera's drive has it (see `synthesize`).
+    """Render a frame and write its files, but those that another drive has already.
 
     Raises:
         InputError: a file cannot be written.
@@ -61,15 +87,15 @@ def write_frame(
     frame = renderer.frame(config.seed, number, lidar_twist(config, number))
     labels, image_labels = frame.point_labels, frame.image_labels
     path = {folder: out / name for folder, name in file_names(config, number).items()}
-    if sweeps is None:
+    if place.sweeps is None:
         write_bytes(_cloud(config, frame), path["points"])
-        point_labels = _noisy_point_labels(config, labels, number)
+        point_labels = _noisy_point_labels(config, labels, number, place.lidar)
         write_bytes(point_labels.astype("<u4").tobytes(), path["point_labels"])
-    # The label noise differs between cameras.
-    rng = generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
-    noisy = mislabel(image_labels, config.label_noise, class_ids(), rng, UNLABELED)
-    write_image(image_ids(config)[noisy], path["image_labels"])
-    write_image(frame.image_rgb[..., ::-1], path["images"])
+    if place.images is None:
+        rng = generator(config, IMAGE_LABELS, number, *([] if place.camera == 0 else [place.camera]))
+        noisy = mislabel(image_labels, config.label_noise, class_ids(), rng, UNLABELED)
+        write_image(image_ids(config)[noisy], path["image_labels"])
+        write_image(frame.image_rgb[..., ::-1], path["images"])
     classes = np.union1d(labels & 0xFFFF, image_labels)
     return FrameSummary(len(labels), frozenset(classes.tolist()))
 
@@ -89,13 +115,12 @@ def class_ids() -> ClassIds:
     return np.array([id_ for id_, _ in core.synthetic_classes()], dtype=np.uint8)
 
 
-def frame_document(config: SynthConfig, number: int, sweeps: str | None) -> dict[str, str | float]:
+def frame_document(config: SynthConfig, number: int, place: DrivePlace) -> dict[str, str | float]:
     """Make the entry of a frame in drive.yaml."""
-    names = file_names(config, number)
-    prefix = "" if sweeps is None else f"{sweeps}/"
+    names = {folder: place.prefix(folder) + name for folder, name in file_names(config, number).items()}
     return {
-        "points": prefix + names["points"],
-        "point_labels": prefix + names["point_labels"],
+        "points": names["points"],
+        "point_labels": names["point_labels"],
         "image_labels": names["image_labels"],
         "image": names["images"],
         **stamps(config, number),
@@ -138,10 +163,11 @@ def _cloud(config: SynthConfig, frame: core.RenderedFrame) -> bytes:
 
 
 def _noisy_point_labels(
-    config: SynthConfig, labels: npt.NDArray[np.uint32], number: int
+    config: SynthConfig, labels: npt.NDArray[np.uint32], number: int, lidar: int
 ) -> npt.NDArray[np.uint32]:
     """Mislabel points (N,), `instance << 16 | class`, but never as sky, which returns no points."""
     classes = np.array([id_ for id_, name in core.synthetic_classes() if name != SKY], dtype=np.uint8)
     true = (labels & 0xFFFF).astype(np.uint8)
-    noisy = mislabel(true, config.label_noise, classes, generator(config, POINT_LABELS, number), UNLABELED)
+    rng = generator(config, POINT_LABELS, number, *([] if lidar == 0 else [lidar]))
+    noisy = mislabel(true, config.label_noise, classes, rng, UNLABELED)
     return (labels & np.uint32(0xFFFF0000)) | noisy

@@ -17,7 +17,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import quaternion_xyzw
 
-MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS, MOTION = range(5)
+MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS, MOTION, LIDAR_MOUNTING = range(6)
 """Independent streams of random numbers of a drive."""
 POSES_FILE = "poses.txt"
 FIRST_STAMP_S = 1.0

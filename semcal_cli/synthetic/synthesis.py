@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,15 +21,18 @@ from semcal_cli.files.documents import document_text
 from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.geometry.arrays import Pose, Vector
 from semcal_cli.geometry.poses import pose_from_mounting
+from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.synthetic.frame_files import (
     IMAGE_FOLDERS,
     SWEEP_FOLDERS,
     UNLABELED,
+    DrivePlace,
     frame_document,
     name_folder_in_errors,
     write_frame,
 )
 from semcal_cli.synthetic.street_motion import (
+    LIDAR_MOUNTING,
     MOUNTING,
     POSES_FILE,
     check_motion,
@@ -41,6 +44,10 @@ from semcal_cli.synthetic.street_motion import (
 PITCH_DEG, ROLL_DEG = 8.0, 4.0
 CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
 """Maximum coordinates of a randomly mounted camera in the LiDAR frame, in both directions."""
+LIDAR_DISTANCE_M, LIDAR_SPREAD = (0.5, 1.0), np.array([1.0, 1.0, 0.3])
+"""Distances of further LiDARs from the first one, and how far they spread along its axes, relative to one another."""
+ALONE = DrivePlace()
+"""Place of a drive that is alone."""
 
 # Model, distortion in OpenCV's order, horizontal field of view. Each lens is monotone over its field of view.
 LENSES: dict[SynthLens, tuple[CameraModel, tuple[float, ...], float]] = {
@@ -64,6 +71,9 @@ class SynthSummary:
     """Number of points in all frames."""
     num_classes: int
     """Number of classes of points and pixels together, before label noise."""
+
+
+NOTHING_WRITTEN = SynthSummary(0, 0, 0)
 
 
 def synthesize(
@@ -91,25 +101,39 @@ def synthesize(
     Raises:
         InputError: the folder is not empty or cannot be written, or the rig or its motion is impossible.
     """
+    return _synthesize(config, out, DrivePlace(camera, sweeps=sweeps), progress, force=force)
+
+
+def _synthesize(
+    config: SynthConfig,
+    out: Path,
+    place: DrivePlace,
+    progress: Callable[[int], None] | None,
+    *,
+    force: bool,
+) -> SynthSummary:
+    """Write a drive in its place in a rig, as `synthesize` does."""
     check_motion(config)
-    T_camera_lidar = mounting(config)
-    renderer = make_renderer(config, T_camera_lidar)
+    T_camera_first = mounting(config)
+    renderer = make_renderer(config, T_camera_first, place)
     _check_empty(out, force)
     with name_folder_in_errors(out):
-        for folder in IMAGE_FOLDERS if sweeps else SWEEP_FOLDERS + IMAGE_FOLDERS:
-            make_folder(out / folder, out)
+        for folder in SWEEP_FOLDERS + IMAGE_FOLDERS:
+            if not place.prefix(folder):
+                make_folder(out / folder, out)
         (out / DRIVE_FILE).unlink(missing_ok=True)
     # Rust renders one frame at a time on all cores, while the other thread writes the previous frame.
     with ThreadPoolExecutor(max_workers=2) as threads:
         frames = []
-        write = partial(write_frame, config, renderer, out, sweeps, camera)
-        for frame in threads.map(write, range(config.num_frames)):
+        write = partial(write_frame, config, renderer, out, place)
+        for frame in threads.map(write, range(0 if place.is_listed else config.num_frames)):
             frames.append(frame)
             if progress is not None:
                 progress(len(frames))
-    if config.motion != "none" and sweeps is None:
+    if config.motion != "none" and place.sweeps is None:
         write_text(poses_text(config), out / POSES_FILE)
-    write_text(document_text(_drive_document(config, T_camera_lidar, sweeps), "yaml"), out / DRIVE_FILE)
+    T_camera_lidar = T_camera_first if place.T_first_lidar is None else T_camera_first @ place.T_first_lidar
+    write_text(document_text(_drive_document(config, T_camera_lidar, place), "yaml"), out / DRIVE_FILE)
     return SynthSummary(
         num_frames=len(frames),
         num_points=sum(frame.num_points for frame in frames),
@@ -124,47 +148,92 @@ def synthesize_rig(
     progress: Callable[[int], None] | None = None,
     *,
     force: bool = False,
+    num_lidars: int = 1,
 ) -> SynthSummary:
-    """Write a drive for each of several cameras, evenly spaced around one LiDAR, and a `rig.yaml` that lists them.
+    """Write a drive for each of several cameras, evenly spaced around the first LiDAR, and a `rig.yaml`.
 
-    The random part of the mounting is drawn for each camera.
+    The random part of the mounting is drawn for each camera. Each camera also has a drive with each further LiDAR,
+    which lies within a metre of the first one and looks anywhere.
 
     Args:
         config: Settings of the drives.
         num_cameras: Number of cameras.
+        num_lidars: Number of LiDARs.
         out: Folder to write; it is created if it does not exist.
         progress: Called with the number of finished frames.
         force: Whether to write into a folder that is not empty; files with other names are kept.
 
     Returns:
-        The summary of the last camera's drive.
+        The summary of the last camera's drive with the first LiDAR.
 
     Raises:
         InputError: the folder is not empty or cannot be written, or the rig or its motion is impossible.
     """
     check_motion(config)
+    if num_lidars > 1 and config.motion != "none":
+        raise InputError(f"--lidars: found {num_lidars} and --motion {config.motion}, expected --motion none")
     _check_empty(out, force)
     with name_folder_in_errors(out):
         (out / RIG_FILE).unlink(missing_ok=True)
     rig_seed = config.seed if config.rig_seed is None else config.rig_seed
     first_deg = config.camera_azimuth_deg or 0.0
     names = [f"camera_{index}" for index in range(num_cameras)]
-    num_done = 0
+    num_done, summary = 0, NOTHING_WRITTEN
 
     def tell(num_frames: int) -> None:
         if progress is not None:
             progress(num_done + num_frames)
 
-    for index, name in enumerate(names):
-        azimuth_deg = (first_deg + 360.0 * index / num_cameras + 180.0) % 360.0 - 180.0
-        camera_config = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
-        sweeps = f"../{names[0]}" if index else None
-        make_folder(out / name, out)
-        summary = synthesize(camera_config, out / name, tell, force=force, sweeps=sweeps, camera=index)
+    T_first_lidar = {f"lidar_{number}": lidar_mounting(config, number) for number in range(1, num_lidars)}
+    for folder, place in _rig_places(names, T_first_lidar).items():
+        azimuth_deg = (first_deg + 360.0 * place.camera / num_cameras + 180.0) % 360.0 - 180.0
+        camera = replace(config, rig_seed=rig_seed + place.camera, camera_azimuth_deg=azimuth_deg)
+        make_folder(out / folder, out)
+        written = _synthesize(camera, out / folder, place, tell, force=force)
+        summary = summary if place.lidar else written
         num_done += config.num_frames
-    document = {"semcal_rig": 1, "cameras": {name: name for name in names}}
-    write_text(document_text(document, "yaml"), out / RIG_FILE)
+    write_text(document_text(_rig_document(names, T_first_lidar), "yaml"), out / RIG_FILE)
     return summary
+
+
+def _rig_places(cameras: list[str], T_first_lidar: Mapping[str, Pose]) -> dict[str, DrivePlace]:
+    """List the drives of a rig by their folders: each camera with the first LiDAR, then with each further one."""
+    places = {}
+    for number, lidar in enumerate(["", *T_first_lidar]):
+        folders = [f"{camera}_on_{lidar}" if lidar else camera for camera in cameras]
+        for index, (camera, folder) in enumerate(zip(cameras, folders, strict=True)):
+            sweeps, images = f"../{folders[0]}" if index else None, f"../{camera}" if lidar else None
+            places[folder] = DrivePlace(index, number, T_first_lidar.get(lidar), sweeps, images)
+    return places
+
+
+def _rig_document(cameras: list[str], T_first_lidar: Mapping[str, Pose]) -> dict[str, Any]:
+    """Make the document of a rig, with the true transforms between its LiDARs for comparison."""
+    document: dict[str, Any] = {"semcal_rig": 1, "cameras": {camera: camera for camera in cameras}}
+    if T_first_lidar:
+        document["lidars"] = {
+            lidar: {"cameras": {camera: f"{camera}_on_{lidar}" for camera in cameras}}
+            for lidar in T_first_lidar
+        }
+        document["T_lidar_lidar"] = {"lidar": {lidar: T.tolist() for lidar, T in T_first_lidar.items()}}
+    return document
+
+
+def lidar_mounting(config: SynthConfig, number: int) -> Pose:
+    """Mount a further LiDAR of a rig at random.
+
+    Returns:
+        T_first_lidar (4, 4), its pose in the frame of the first one, metres.
+    """
+    rig = config if config.rig_seed is None else replace(config, seed=config.rig_seed)
+    rng = generator(rig, LIDAR_MOUNTING, number)
+    yaw, pitch, roll = np.radians(rng.uniform((-180.0, -PITCH_DEG, -ROLL_DEG), (180.0, PITCH_DEG, ROLL_DEG)))
+    direction = rng.standard_normal(3) * LIDAR_SPREAD
+    T: Pose = np.eye(4)
+    for axis, angle in zip(np.eye(3), (roll, pitch, yaw), strict=True):
+        T[:3, :3] = rotation_matrix(angle * axis) @ T[:3, :3]
+    T[:3, 3] = rng.uniform(*LIDAR_DISTANCE_M) * direction / np.linalg.norm(direction)
+    return T
 
 
 def mounting(config: SynthConfig) -> Pose:
@@ -223,17 +292,19 @@ def _width_at_unit_focal(lens: SynthLens, half_angle: float) -> float:
     return width
 
 
-def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> core.Renderer:
+def make_renderer(config: SynthConfig, T_camera_first: Pose, place: DrivePlace = ALONE) -> core.Renderer:
     """Make the renderer of a LiDAR and a camera.
 
     Args:
         config: Settings of the drive.
-        T_camera_lidar: (4, 4), metres.
+        T_camera_first: (4, 4), from the first LiDAR to the camera, metres.
+        place: Place of the drive in a rig.
 
     Raises:
-        InputError: the camera is too far from the LiDAR, or the LiDAR has no rays.
+        InputError: a sensor is too far from the first LiDAR, or the LiDAR has no rays.
     """
-    return core.Renderer(core_camera(make_camera(config)), T_camera_lidar, config)
+    camera = core_camera(make_camera(config))
+    return core.Renderer(camera, T_camera_first, config, place.T_first_lidar, place.lidar)
 
 
 def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
@@ -253,19 +324,19 @@ def _check_empty(out: Path, force: bool) -> None:
             )
 
 
-def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | None) -> dict[str, Any]:
+def _drive_document(config: SynthConfig, T_camera_lidar: Pose, place: DrivePlace) -> dict[str, Any]:
     document: dict[str, Any] = {"semcal_drive": 1}
     document["camera"] = make_camera(config).model_dump(mode="json", exclude_unset=True) | shutter(config)
     if config.pattern == "spinning":
         keys = ("channels", "columns", "fov_up_deg", "fov_down_deg")
         document["lidar"] = {key: getattr(config, key) for key in keys}
-    document["frames"] = [frame_document(config, number, sweeps) for number in range(config.num_frames)]
+    document["frames"] = [frame_document(config, number, place) for number in range(config.num_frames)]
     document["ignore"] = {"points": [UNLABELED], "image": [UNLABELED]}
     if config.ontology == "shared":
         names = {name: [id_] for id_, name in core.synthetic_classes()}
         document["classes"] = {"points": names, "image": names}
     if config.motion != "none":
-        document["motion"] = {"poses": POSES_FILE if sweeps is None else f"{sweeps}/{POSES_FILE}"}
+        document["motion"] = {"poses": place.prefix("points") + POSES_FILE}
     # The delay of a moving rig is for the calibration to find.
     document["synchronization"] = "hardware" if config.motion == "none" else "stamps"
     document["T_camera_lidar"] = T_camera_lidar.tolist()

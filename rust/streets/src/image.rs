@@ -26,8 +26,8 @@ pub struct Pixel {
 /// Renders the image of a rig's camera, whose pixels look along `pixel_rays`, row by row.
 pub fn render(capture: &Capture, rig: &Rig, pixel_rays: &[Option<Vector3<f32>>]) -> Vec<Pixel> {
     let size = [rig.camera.width, rig.camera.height];
-    let t_lidar_camera = rig.t_camera_lidar.inverse();
-    let at = |time_s| View::new(&(capture.t_world_lidar(time_s) * t_lidar_camera));
+    let t_rig_camera = rig.t_camera_rig.inverse();
+    let at = |time_s| View::new(&(capture.t_world_rig(time_s) * t_rig_camera));
     let views: Vec<View> = rig.shutter.line_times_s(size).into_iter().map(at).collect();
     let row = |(v, rays): (usize, &[Option<Vector3<f32>>])| -> Vec<Pixel> {
         let mut cache = HitCache::default();
@@ -116,17 +116,17 @@ pub enum Visibility {
 pub struct Target {
     /// Firing time, seconds from the middle of the sweep.
     pub time_s: f64,
-    /// Measured position, LiDAR frame of that time.
+    /// Measured position, frame of the rig at that time.
     pub measured: Vector3<f64>,
-    /// True position, LiDAR frame of that time.
+    /// True position, frame of the rig at that time.
     pub truth: Vector3<f64>,
 }
 
 /// Whether a rig's camera sees a return at the time when its line of the image is exposed.
 pub fn visibility(capture: &Capture, rig: &Rig, target: &Target) -> Visibility {
     let Some(time_s) = exposure_time_s(capture, rig, target) else { return Visibility::Outside };
-    let camera_world = capture.t_world_lidar(time_s) * (rig.t_camera_lidar.inverse() * Point3::origin());
-    let sight = capture.t_world_lidar(target.time_s) * Point3::from(target.truth) - camera_world;
+    let camera_world = capture.t_world_rig(time_s) * (rig.t_camera_rig.inverse() * Point3::origin());
+    let sight = capture.t_world_rig(target.time_s) * Point3::from(target.truth) - camera_world;
     let limit = (sight.norm() - HIDDEN_MARGIN_M) as f32;
     let (eye, sight) = (to_f32(&camera_world.coords), to_f32(&sight.normalize()));
     match capture.scene.blocker(eye, sight, limit, None) {
@@ -143,7 +143,7 @@ fn exposure_time_s(capture: &Capture, rig: &Rig, target: &Target) -> Option<f64>
     let mut time_s = shutter.delay_s + 0.5 * shutter.readout_s;
     for _ in 0..MAX_STEPS {
         let seen = capture.motion.seen_at(target.measured.into(), target.time_s, time_s);
-        let pixel = camera.project(&(rig.t_camera_lidar * seen).coords)?;
+        let pixel = camera.project(&(rig.t_camera_rig * seen).coords)?;
         let exposed_s = shutter.time_at_s(pixel.into(), size);
         if (exposed_s - time_s).abs() <= settled_s {
             return camera.contains(&pixel).then_some(time_s);

@@ -29,20 +29,20 @@ const NEAR: f32 = 16.0;
 pub struct Capture {
     pub scene: Scene,
     pub light: Light,
-    /// The LiDAR's pose at the middle of the sweep.
-    t_world_lidar: Isometry3<f64>,
+    /// The pose of the rig, which is that of its first LiDAR, at the middle of the sweep.
+    t_world_rig: Isometry3<f64>,
     pub motion: RigMotion,
 }
 
 impl Capture {
     /// A scene, and a rig that passes through it from a pose at the middle of the sweep.
-    pub fn new(scene: Scene, light: Light, t_world_lidar: Isometry3<f64>, motion: RigMotion) -> Self {
-        Self { scene, light, t_world_lidar, motion }
+    pub fn new(scene: Scene, light: Light, t_world_rig: Isometry3<f64>, motion: RigMotion) -> Self {
+        Self { scene, light, t_world_rig, motion }
     }
 
-    /// The LiDAR's pose at a time, seconds from the middle of the sweep.
-    pub fn t_world_lidar(&self, time_s: f64) -> Isometry3<f64> {
-        self.motion.pose_at(&self.t_world_lidar, time_s)
+    /// The rig's pose at a time, seconds from the middle of the sweep.
+    pub fn t_world_rig(&self, time_s: f64) -> Isometry3<f64> {
+        self.motion.pose_at(&self.t_world_rig, time_s)
     }
 }
 
@@ -51,8 +51,8 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64, motion: RigMotion) -> Capture {
     let light = Light::random(&mut rng);
     let lane = rng.random_range(0..street.lanes);
     let rig_d = street.lane_center(lane) + rng.random_range(-0.4..0.4);
-    let t_world_lidar = rig_pose(&mut rng, &street, lane, rig_d, tilt_deg, motion.is_moving());
-    let path = motion.positions(street.at(0.0, rig_d), &t_world_lidar);
+    let t_world_rig = rig_pose(&mut rng, &street, lane, rig_d, tilt_deg, motion.is_moving());
+    let path = motion.positions(street.at(0.0, rig_d), &t_world_rig);
     let mut site = Site::new(MeshBuilder::new(rng, path.clone()), street, path);
     ground_mesh::build(&mut site.builder, &site.street);
     moving(&mut site);
@@ -63,7 +63,7 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64, motion: RigMotion) -> Capture {
         parcels::build(&mut site, side);
     }
     parcels::backdrop(&mut site);
-    Capture::new(Scene::new(site.builder), light, t_world_lidar, motion)
+    Capture::new(Scene::new(site.builder), light, t_world_rig, motion)
 }
 
 fn rig_pose(

@@ -1,7 +1,7 @@
 //! Rendering of one frame of a rig: the returns of its LiDAR and the image of its camera.
 
 use geometry::Invalid;
-use nalgebra::{Point2, Vector3, Vector6};
+use nalgebra::{Point2, Point3, Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -73,8 +73,8 @@ impl Renderer {
         self.render(seed, number, RigMotion::STILL)
     }
 
-    /// Renders one frame of a rig that moves with a constant twist, metres and radians per second in the LiDAR
-    /// frame.
+    /// Renders one frame of a rig that moves with a constant twist, metres and radians per second in the frame of
+    /// its first LiDAR.
     ///
     /// The image is stamped with the middle of the sweep. The street differs from that of [`Renderer::frame`]: the
     /// rig keeps to its lane, and its path is free.
@@ -111,7 +111,8 @@ impl Renderer {
             .par_chunks(CHUNK)
             .enumerate()
             .map(|(i, directions)| {
-                let mut rng = generator(seed, number, 1 + i as u64);
+                let first_of_lidar = u64::from(self.rig.lidar_number) << u32::BITS;
+                let mut rng = generator(seed, number, first_of_lidar + 1 + i as u64);
                 let rays = (i * CHUNK..).zip(directions);
                 rays.filter_map(|(ray, direction)| self.fire(capture, ray, direction, &mut rng)).collect()
             })
@@ -130,7 +131,8 @@ impl Renderer {
         let lidar = &self.rig.lidar;
         let time = lidar.sweep_s * lidar.share_before(ray);
         let time_s = time - 0.5 * lidar.sweep_s;
-        let t_world_lidar = capture.t_world_lidar(time_s);
+        let t_rig_lidar = self.rig.t_rig_lidar;
+        let t_world_lidar = capture.t_world_rig(time_s) * t_rig_lidar;
         let (lost, noise): (bool, f64) = (rng.random_bool(lidar.dropout), StandardNormal.sample(rng));
         let origin = to_f32(&t_world_lidar.translation.vector);
         let ray = to_f32(&(t_world_lidar.rotation * direction));
@@ -140,7 +142,9 @@ impl Renderer {
         }
         let spot = capture.scene.spot(hit, origin, ray);
         let measured = direction * (f64::from(hit.range) + noise * lidar.range_noise_m);
-        let target = Target { time_s, measured, truth: direction * f64::from(hit.range) };
+        let in_rig = |point: Vector3<f64>| (t_rig_lidar * Point3::from(point)).coords;
+        let truth = in_rig(direction * f64::from(hit.range));
+        let target = Target { time_s, measured: in_rig(measured), truth };
         Some(Return {
             point: [measured.x as f32, measured.y as f32, measured.z as f32, spot.intensity()],
             label: u32::from(spot.surface.instance) << 16 | u32::from(spot.surface.class.id()),
@@ -196,8 +200,10 @@ mod tests {
         let camera_in_lidar = Vector3::new(0.3, 0.3, -0.27);
         Rig {
             lidar,
+            lidar_number: 0,
+            t_rig_lidar: Isometry3::identity(),
             camera: Camera::new("plumb_bob", SIZE, k, &[]).expect("a valid camera"),
-            t_camera_lidar: Isometry3::from_parts((rotation * -camera_in_lidar).into(), rotation),
+            t_camera_rig: Isometry3::from_parts((rotation * -camera_in_lidar).into(), rotation),
             shutter: Shutter::default(),
         }
     }
@@ -250,7 +256,7 @@ mod tests {
         let [from, to] = capture.motion.ends_s;
         let mut nearest = f32::MAX;
         for step in 0..=4 {
-            let t = capture.t_world_lidar(from + (to - from) * f64::from(step) / 4.0);
+            let t = capture.t_world_rig(from + (to - from) * f64::from(step) / 4.0);
             for i in 0..360 {
                 for elevation in [-25f64, 0.0, 25.0] {
                     let ray = to_f32(&from_angles(f64::from(i).to_radians(), elevation.to_radians()));
@@ -279,7 +285,7 @@ mod tests {
     #[test]
     fn a_camera_beyond_the_free_zone_is_refused() {
         let mut far = rig(Lidar::default(), 0.0);
-        far.t_camera_lidar.translation.vector.x = 3.0;
+        far.t_camera_rig.translation.vector.x = 3.0;
         assert!(Renderer::new(far).is_err());
         assert!(Renderer::new(rig(Lidar { columns: 0, ..Lidar::default() }, 0.0)).is_err());
     }

@@ -118,31 +118,40 @@ impl Lidar {
     }
 }
 
-/// A LiDAR and a camera next to it.
+/// A LiDAR and a camera. The frame of the rig is that of its first LiDAR, of which there may be several.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    /// The LiDAR, whose frame is that of the rig.
+    /// The LiDAR that is rendered.
     pub lidar: Lidar,
+    /// Number of the LiDAR; the first, 0, lies at the origin of the rig. Each has noise of its own.
+    pub lidar_number: u32,
+    /// `p_rig = t_rig_lidar * p_lidar`; the identity for the first LiDAR.
+    pub t_rig_lidar: Isometry3<f64>,
     /// Lens and image size of the camera.
     pub camera: Camera,
-    /// `p_camera = t_camera_lidar * p_lidar`.
-    pub t_camera_lidar: Isometry3<f64>,
+    /// `p_camera = t_camera_rig * p_rig`.
+    pub t_camera_rig: Isometry3<f64>,
     /// Exposure of the lines of an image, which matters only while the rig moves.
     pub shutter: Shutter,
 }
 
 impl Rig {
     pub(crate) fn check(&self) -> Result<(), Invalid> {
-        let lever = self.t_camera_lidar.inverse().translation.vector.norm();
         if !self.lidar.is_valid() {
             return Err(Invalid(format!("rig: {:?} is impossible", self.lidar)));
         }
         self.shutter.check()?;
-        if lever > crate::MAX_LEVER_M {
-            return Err(Invalid(format!(
-                "rig: the camera is {lever:.2} m from the LiDAR; the street keeps {} m free",
-                crate::MAX_LEVER_M
-            )));
+        for (sensor, center) in [
+            ("the camera is", self.t_camera_rig.inverse().translation.vector),
+            ("a further LiDAR is", self.t_rig_lidar.translation.vector),
+        ] {
+            let lever = center.norm();
+            if lever > crate::MAX_LEVER_M {
+                return Err(Invalid(format!(
+                    "rig: {sensor} {lever:.2} m from the LiDAR; the street keeps {} m free",
+                    crate::MAX_LEVER_M
+                )));
+            }
         }
         Ok(())
     }
@@ -156,7 +165,7 @@ const MAX_RATE: f64 = 100.0;
 /// Motion of a rig through the scene of a frame. Times are seconds from the middle of the sweep.
 #[derive(Clone, Debug)]
 pub struct RigMotion {
-    /// Twist, metres and radians per second in the LiDAR frame; `None` for a static rig.
+    /// Twist, metres and radians per second in the frame of the first LiDAR; `None` for a static rig.
     twist_per_s: Option<Vector6<f64>>,
     /// First and last time at which something is measured.
     pub(crate) ends_s: [f64; 2],
@@ -181,13 +190,13 @@ impl RigMotion {
         self.twist_per_s.is_some()
     }
 
-    /// The LiDAR's pose in the world at a time, given its pose at time zero.
+    /// The first LiDAR's pose in the world at a time, given its pose at time zero.
     pub fn pose_at(&self, t_world_lidar: &Isometry3<f64>, time_s: f64) -> Isometry3<f64> {
         // At rest the pose stays bit-identical.
         self.twist_per_s.map_or(*t_world_lidar, |twist| t_world_lidar * exp(&(twist * time_s)))
     }
 
-    /// Moves a point from the LiDAR frame of one time to that of another.
+    /// Moves a point from the frame of the rig at one time to that of another.
     pub fn seen_at(&self, point: Point3<f64>, from_s: f64, to_s: f64) -> Point3<f64> {
         self.twist_per_s.map_or(point, |twist| exp(&(twist * (from_s - to_s))) * point)
     }

@@ -1,1 +1,1 @@
-"""Rigs of several cameras and one LiDAR: calibration of all cameras, and the transforms between them."""
+"""Rigs of several cameras and LiDARs: calibration of all cameras, and the transforms between all sensors."""

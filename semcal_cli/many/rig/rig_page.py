@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from fractions import Fraction
 
@@ -11,7 +11,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import listed
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.many.rig.rig_calibration import WORST_FIRST, RigCalibration
-from semcal_cli.many.rig.rig_document import cloud_path
+from semcal_cli.many.rig.shared_clouds import cloud_path
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.reading import load_points
 from semcal_cli.report import words
@@ -50,11 +50,14 @@ def rig_page_html(
         InputError: a sweep or an image is missing or wrong.
     """
     progress("reading a frame of each camera")
-    views = _camera_views(drives, {name: calibration.pose for name, calibration in rig.cameras.items()})
+    around = _around_one_lidar(rig)
+    views = _camera_views(
+        drives, {name: calibration.pose for name, calibration in rig.cameras.items()}, around
+    )
     progress("drawing points on images")
     images, depths = _images(views)
     progress("writing the page")
-    cloud = sweep_cloud(views)
+    cloud = sweep_cloud([view for view in views if view.name in around])
     return render_page(
         "many/rig/page.html",
         ("report/cloud.js",),
@@ -72,7 +75,6 @@ def rig_page_html(
         images=images,
         depths=depths,
         pairs=rig.pairs,
-        intervals=intervals,
         cloud=asdict(cloud),
     )
 
@@ -89,21 +91,24 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         widths = [max(axis) for axis in zip(*half_widths, strict=True)]
         sure = f"each is known to {widest(widths)} or better" if half_widths else ""
         all_of_them = "Both" if len(statuses) == 2 else f"All {len(statuses)}"
-        return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} cameras are trusted.", sure)
-    contradictions = [constraint.reason for constraint in rig.contradictions]
+        of_them = f"calibrations of {len(rig.lidars) + 1} LiDARs" if rig.lidars else "cameras"
+        return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} {of_them} are trusted.", sure)
     worst, is_failed = names[rig.status], rig.status == "failed"
     if not worst:
         title, sentence = "The cameras contradict a constraint", "Each camera is trusted alone."
-        return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(contradictions)))
+        if rig.lidars:
+            title, sentence = "The LiDARs are not tied well", "Each camera is trusted alone."
+        return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(rig.doubts)))
     verb = "" if is_failed else "is " if len(worst) == 1 else "are "
-    title = f"{len(worst)} of {len(statuses)} cameras {verb}{STATUSES[rig.status]}"
+    kind = "calibrations" if rig.lidars else "cameras"
+    title = f"{len(worst)} of {len(statuses)} {kind} {verb}{STATUSES[rig.status]}"
     groups = {
         "These can be used": names["trusted"],
         "The accuracy of these is unknown": names["not_assessed"],
         "Do not use these, for the reasons below": names["failed"] + names["not_trusted"],
     }
     sentence = " ".join(f"{advice}: {listed(members)}." for advice, members in groups.items() if members)
-    reasons = list(link_reasons(contradictions))
+    reasons = list(link_reasons(rig.doubts))
     reasons += link_reasons([f"{name}: {error}" for name, error in rig.failures.items()])
     for name, calibration in rig.cameras.items():
         reasons += link_reasons(calibration.reasons, calibration.topics, f"{name}: ")
@@ -125,12 +130,26 @@ def _how_sure(calibration: CalibrationDocument) -> str:
     return "Its error is unknown." if calibration.uncertainty is None else words.NOT_BELIEVED
 
 
-def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> list[SweepView]:
-    """Read one frame of each camera with a pose: that of the sweep that most cameras share, or else its first."""
+def _around_one_lidar(rig: RigCalibration) -> list[str]:
+    """Select the calibrations of one LiDAR, the first one that has any, as only their poses are in one frame."""
+    of_lidars = ([*rig.first_cameras], *([*lidar.views.values()] for lidar in rig.lidars))
+    return next(names for names in ([*filter(rig.cameras.get, views)] for views in of_lidars) if names)
+
+
+def _camera_views(
+    drives: Mapping[str, Drive], poses: Mapping[str, Pose], around: Sequence[str]
+) -> list[SweepView]:
+    """Read one frame of each camera with a pose: that of the sweep that most cameras around share, or else its first.
+
+    Args:
+        drives: Drive of each camera.
+        poses: T_camera_lidar (4, 4) of each.
+        around: The cameras of one LiDAR.
+    """
     sweeps = {
         name: [cloud_path(drives[name], frame.points) for frame in drives[name].frames] for name in poses
     }
-    counts = Counter(sweep for paths in sweeps.values() for sweep in dict.fromkeys(paths))
+    counts = Counter(sweep for name in around for sweep in dict.fromkeys(sweeps[name]))
     ((shared_sweep, _),) = counts.most_common(1)
     views = []
     for name, T in poses.items():

@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder
-from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
+from semcal_cli.files.validation import (
+    FileName,
+    StatedTransform,
+    StrictModel,
+    Vector3,
+    Vector4,
+    Version,
+    validate,
+)
 from semcal_cli.many.rig.adjustment import Adjustment
+from semcal_cli.many.rig.further_lidar import LidarCalibration, LidarStatus, reference_of
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine
-from semcal_cli.many.rig.rig_document import RESULT, Rig
+from semcal_cli.many.rig.rig_document import RESULT, Rig, view_name
+from semcal_cli.many.rig.rig_pair import Reference, RigPair
+from semcal_cli.many.rig.sweep_registration import Registration
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration_document import read_calibration
+from semcal_cli.result.uncertainty import Uncertainty
 
 KEY = "semcal_rig_calibration"
 
@@ -33,6 +48,66 @@ class CameraResult(StrictModel):
     """Its transform; absent if it failed."""
 
 
+class PairResult(StrictModel):
+    """Transform between two sensors in the document of a rig's calibration."""
+
+    a: str
+    """Sensor to whose frame the transform leads."""
+    b: str
+    """Sensor from whose frame it leads."""
+    T_a_b: StatedTransform
+    """The transform in metres, p_a = T_a_b * p_b."""
+    translation_m: Vector3
+    """Its translation, in metres."""
+    quaternion_xyzw: Vector4
+    """Its rotation, as a unit quaternion."""
+    uncertainty: Uncertainty | None
+    """Its uncertainty, for a twist on its left in the frame of a; null if it is unknown."""
+    reference: dict[str, Any] | None
+    """Difference from the reference; it is recomputed when needed."""
+
+    def pair(self, reference: Reference | None, *, is_doubted: bool) -> RigPair:
+        """Return the pair, compared with a reference."""
+        return RigPair(self.a, self.b, np.array(self.T_a_b), self.uncertainty, reference, is_doubted)
+
+
+class LidarResult(StrictModel):
+    """Result of a further LiDAR in the document of a rig's calibration."""
+
+    status: LidarStatus
+    """Verdict, by its loops and by its interval."""
+    reasons: list[str]
+    """What speaks against its transform."""
+    notes: list[str]
+    """Sentences that do not affect the verdict."""
+    pair: PairResult | None
+    """Transform from this LiDAR, b, to the first one, a; null if nothing that is trusted ties the two."""
+    cameras: dict[str, CameraResult]
+    """Result of each camera with this LiDAR, whose `T_camera_lidar` is that of this LiDAR."""
+    own_cameras: list[PairResult]
+    """Transforms from the first LiDAR, b, to the cameras, a, that do not see its points."""
+    registration: Registration | None
+    """Registration of its sweeps with those of the first LiDAR; null without one."""
+
+    def calibration(self, name: str, rig: Rig, drives: Mapping[str, Drive]) -> LidarCalibration:
+        """Return what the document says of the LiDAR, compared with the reference of the rig or the drives."""
+        views, is_doubted = (
+            {camera: view_name(camera, name) for camera in self.cameras},
+            self.status == "not_trusted",
+        )
+        reference = reference_of(name, views, rig, drives)
+        return LidarCalibration(
+            name,
+            views,
+            self.status,
+            tuple(self.reasons),
+            tuple(self.notes),
+            None if self.pair is None else self.pair.pair(reference, is_doubted=is_doubted),
+            tuple(camera.pair(None, is_doubted=is_doubted) for camera in self.own_cameras),
+            self.registration,
+        )
+
+
 class RigResult(StrictModel):
     """Content of a rig_calibration.yaml."""
 
@@ -48,14 +123,25 @@ class RigResult(StrictModel):
     """Result of each camera."""
     pairs: list[dict[str, Any]]
     """Transform between each pair of cameras; it is recomputed when needed."""
+    lidars: dict[str, LidarResult] = {}
+    """Result of each further LiDAR; absent for a rig of one LiDAR."""
     num_sweeps: int
     """Number of different clouds that were read."""
     adjustment: Adjustment | None = None
-    """What all cameras and the constraints between them say together; absent without constraints."""
+    """What all sensors and the ties between them say together; absent without constraints and further LiDARs."""
     input: dict[str, Any]
     """The rig.yaml, and the hashes of the files that were read."""
     versions: dict[str, str]
     """Versions of semcal and of its dependencies."""
+
+    @property
+    def views(self) -> dict[str, CameraResult]:
+        """Result of each camera with each LiDAR, by the names of the results."""
+        return self.cameras | {
+            view_name(camera, name): result
+            for name, lidar in self.lidars.items()
+            for camera, result in lidar.cameras.items()
+        }
 
 
 class RigFiles(NamedTuple):
@@ -106,17 +192,19 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
             f"{path}: found no key {KEY}, expected the {RESULT}.yaml that `semcal calibrate` wrote for {rig.path}"
         )
     result = validate(RigResult, document, path)
-    if result.cameras.keys() != drives.keys():
+    views, named = rig.views, result.views
+    if named.keys() != views.keys():
         raise InputError(
-            f"{path}: cameras: found {listed(result.cameras)}, expected those of {rig.path}: {listed(drives)}"
+            f"{path}: cameras: found {listed(named)}, expected those of {rig.path}: {listed(views)}"
         )
-    if result.adjustment is not None and not {*result.adjustment.cameras} <= drives.keys():
+    if result.adjustment is not None and not {*result.adjustment.cameras} <= {*rig.sensors}:
         raise InputError(
-            f"{path}: adjustment.cameras: found {listed(result.adjustment.cameras)}, expected some of {listed(drives)}"
+            f"{path}: adjustment.cameras: found {listed(result.adjustment.cameras)}, expected some of "
+            f"{listed(rig.sensors)}"
         )
     cameras, failures = {}, {}
     for name in drives:
-        camera = result.cameras[name]
+        camera = named[name]
         if camera.calibration is None:
             failures[name] = "; ".join(camera.reasons)
             continue
@@ -126,4 +214,5 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
             raise InputError(
                 f"{file}: found a T_camera_lidar that differs from that in {path}, expected files of one run"
             )
-    return combine(rig, drives, cameras, failures, result.num_sweeps, result.adjustment)
+    lidars = tuple(lidar.calibration(name, rig, drives) for name, lidar in result.lidars.items())
+    return combine(rig, drives, cameras, failures, result.num_sweeps, result.adjustment, lidars)

@@ -1,0 +1,208 @@
+"""Registration of the sweeps of two LiDARs of a rig, where they overlap, by the extra `registration`.
+
+Each pair of sweeps of one moment is registered by itself with small_gicp (Koide, *small_gicp: Efficient and parallel
+algorithms for point cloud registration*, JOSS 2024). What the pairs say together is their robust mean, by weights of
+Student's t, and its covariance is that of their scatter: the Hessian of a registration takes thousands of neighbouring
+points as independent, and is far too confident. Sweeps are registered as they were recorded: what moves during a sweep
+is not deskewed, so that drives at a standstill say most.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.errors import check_installed
+from semcal_cli.files.point_clouds import SweepCache
+from semcal_cli.files.validation import Count, StatedTransform, StrictModel, Width, Widths, length
+from semcal_cli.geometry.arrays import Numbers, Points, Pose, Vectors
+from semcal_cli.geometry.poses import orthonormal
+from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.many.rig.rig_document import FIRST_LIDAR
+from semcal_cli.many.rig.rig_estimate import MANY, twist_between
+from semcal_cli.many.rig.rig_uncertainty import rows
+from semcal_cli.many.rig.shared_clouds import cloud_path
+from semcal_cli.many.rig.ties import Tie
+from semcal_cli.observations.frame_selection import evenly_spaced
+from semcal_cli.observations.reading import read_clouds
+from semcal_cli.result.uncertainty import Uncertainty
+
+MAX_PAIRS, MIN_PAIRS = 30, 3
+"""Largest number of pairs of sweeps that are registered, and smallest one that has a scatter worth its name."""
+RANGES_M = 1.5, 80.0
+"""Ranges of the points that are registered: nearer ones may lie on the vehicle itself."""
+STEPS_M = (0.5, 2.0), (0.2, 0.5)
+"""Side of the voxels and largest distance of corresponding points, first coarse, then fine."""
+CONVERGED = {"max_iterations": 50, "rotation_epsilon": 1e-5, "translation_epsilon": 1e-4}
+"""When the steps of a registration are small enough, in radians and metres. By default, a turn of 0.1 degrees is."""
+MIN_OVERLAP = 0.3
+"""Smallest share of the points of a sweep that have a corresponding one."""
+MAX_JUMP_M, MAX_JUMP_DEG = 0.5, 5.0
+"""Farthest that a registration may lead from its start. Its start, from cameras, is nearer by far, unless one is wrong
+by degrees, which the registration is to show."""
+FLOOR_M, FLOOR_DEG = 0.002, 0.01
+"""Smallest standard error of the mean: what all pairs of sweeps have in common, such as the pattern of the scan, does
+not show in their scatter."""
+TAIL = 4.0
+"""Degrees of freedom of Student's t for the scatter of pairs."""
+NUM_ROUNDS = 20
+"""Number of rounds of weights, which settle within a few."""
+
+
+class Registration(StrictModel):
+    """Registration of the sweeps of a further LiDAR with those of the first one."""
+
+    T_lidar_further: StatedTransform
+    """The transform in metres, p_first = T_lidar_further * p_further."""
+    num_pairs: Annotated[int, Field(ge=MIN_PAIRS)]
+    """Number of pairs of sweeps that were used."""
+    num_left_out: Count
+    """Number of pairs whose registration failed, overlapped too little or jumped."""
+    sigma_m: Widths
+    """Standard errors of the position along the axes of the first LiDAR, in metres."""
+    sigma_deg: Widths
+    """Standard errors of the rotation about them, in degrees."""
+    degrees_of_freedom: Annotated[tuple[Width, ...], length(6, 6)]
+    """Degrees of freedom of Student's t of the six."""
+    software: str
+    """Software that registered them, with its version."""
+
+    def tie(self, lidar: str) -> Tie:
+        """Make the tie of the two LiDARs."""
+        T = np.array(self.T_lidar_further)
+        covariance = np.diag(np.array([*self.sigma_m, *np.radians(self.sigma_deg)]) ** 2)
+        uncertainty = Uncertainty.from_covariance(T, covariance, np.array(self.degrees_of_freedom))
+        return Tie("registration", FIRST_LIDAR, lidar, T, covariance, uncertainty)
+
+
+class SweepPair(NamedTuple):
+    """Sweeps of two LiDARs of one moment."""
+
+    first: Points
+    """(N, 3) metres, in the frame of the first LiDAR."""
+    further: Points
+    """(M, 3) metres, in the frame of the further one."""
+
+
+def check_registration(key: str) -> None:
+    """Check that small_gicp, which registers sweeps, is installed.
+
+    Raises:
+        InputError: it is not; the message begins with `key`.
+    """
+    check_installed(key, "small_gicp", "registration")
+
+
+def read_sweep_pairs(
+    first: Sequence[Drive], further: Sequence[Drive], sweeps: SweepCache | None = None
+) -> list[SweepPair]:
+    """Read the sweeps of two LiDARs of the same moments: those that drives pair with one image, or stamp alike.
+
+    Args:
+        first: Drives of the first LiDAR.
+        further: Drives of the further one.
+        sweeps: Sweeps that were read before.
+
+    Raises:
+        InputError: a sweep is missing or wrong.
+    """
+    places = {moment: place for place in _frames(first) for moment in _moments(*place)}
+    paired = dict[str, tuple[tuple[Drive, Frame], tuple[Drive, Frame]]]()
+    for drive, frame in _frames(further):
+        other = next((places[moment] for moment in _moments(drive, frame) if moment in places), None)
+        if other is not None:
+            paired.setdefault(str(cloud_path(drive, frame.points)), (other, (drive, frame)))
+    chosen = evenly_spaced(list(paired.values()), MAX_PAIRS)
+    return [SweepPair(*(_points(*place, sweeps) for place in places)) for places in chosen]
+
+
+def register_sweeps(pairs: Sequence[SweepPair], T_start: Pose) -> Registration | None:
+    """Register sweeps of two LiDARs.
+
+    Args:
+        pairs: Sweeps of the same moments.
+        T_start: (4, 4) start, p_first = T_start p_further, metres.
+
+    Returns:
+        What the pairs say together; None if fewer than `MIN_PAIRS` could be registered.
+    """
+    registered = [T for pair in pairs if (T := _register(pair, T_start)) is not None]
+    if len(registered) < MIN_PAIRS:
+        return None
+    mean, scatter = robust_mean(np.array([twist_between(T, T_start) for T in registered]))
+    errors = np.hypot(scatter, np.repeat([FLOOR_M, math.radians(FLOOR_DEG)], 3))
+    # Only the scatter is estimated (Satterthwaite).
+    freedom = (len(registered) - 1) * (errors / np.maximum(scatter, errors / MANY)) ** 4
+    return Registration(
+        T_lidar_further=rows(orthonormal(apply_twist(T_start, mean))),
+        num_pairs=len(registered),
+        num_left_out=len(pairs) - len(registered),
+        sigma_m=tuple(errors[:3].tolist()),
+        sigma_deg=tuple(np.degrees(errors[3:]).tolist()),
+        degrees_of_freedom=tuple(np.minimum(freedom, MANY).tolist()),
+        software=f"small_gicp {version('small_gicp')}",
+    )
+
+
+def robust_mean(values: Vectors) -> tuple[Numbers, Numbers]:
+    """Compute the mean of vectors, in which a few may be far off, by weights of Student's t.
+
+    Args:
+        values: (N, k), at least two.
+
+    Returns:
+        The mean (k,) and its standard errors (k,), by the scatter of the values.
+    """
+    mean = np.median(values, axis=0)
+    scale = np.maximum(1.4826 * np.median(np.abs(values - mean), axis=0), np.finfo(float).tiny)
+    count, size = values.shape
+    for _ in range(NUM_ROUNDS):
+        weights = (TAIL + size) / (TAIL + (((values - mean) / scale) ** 2).sum(axis=1))
+        mean = weights @ values / weights.sum()
+        scale = np.sqrt(weights @ (values - mean) ** 2 / count).clip(min=np.finfo(float).tiny)
+    squares = weights**2 @ (values - mean) ** 2 / weights.sum() ** 2
+    return mean, np.sqrt(squares * count / (count - 1))
+
+
+def _register(pair: SweepPair, T_start: Pose) -> Pose | None:
+    """Register two sweeps; None if it fails, if they overlap too little, or if it leads too far from its start."""
+    import small_gicp
+
+    T = T_start
+    for voxel_m, distance_m in STEPS_M:
+        (target, tree), (source, _) = (
+            small_gicp.preprocess_points(points.astype(float), voxel_m) for points in pair
+        )
+        result = small_gicp.align(
+            target, source, tree, T, max_correspondence_distance=distance_m, num_threads=1, **CONVERGED
+        )
+        T = result.T_target_source
+    moved = twist_between(T, T_start)
+    overlaps = result.num_inliers >= MIN_OVERLAP * source.size()
+    is_near = np.linalg.norm(moved[:3]) <= MAX_JUMP_M and np.linalg.norm(moved[3:]) <= math.radians(
+        MAX_JUMP_DEG
+    )
+    return T if result.converged and overlaps and is_near and np.isfinite(T).all() else None
+
+
+def _frames(drives: Sequence[Drive]) -> list[tuple[Drive, Frame]]:
+    return [(drive, frame) for drive in drives for frame in drive.frames]
+
+
+def _moments(drive: Drive, frame: Frame) -> list[object]:
+    """Return what identifies the moment of a sweep: the image that was taken with it, and its stamp."""
+    image = [] if frame.image is None else [cloud_path(drive, frame.image)]
+    return [*image, *([] if frame.points_stamp is None else [frame.points_stamp])]
+
+
+def _points(drive: Drive, frame: Frame, sweeps: SweepCache | None) -> Points:
+    """Read the points of a sweep in the range that is registered."""
+    (cloud,) = read_clouds(drive.model_copy(update={"frames": (frame,)}), sweeps)
+    ranges_m = np.linalg.norm(cloud.points, axis=1)
+    return np.asarray(cloud.points[(ranges_m > RANGES_M[0]) & (ranges_m < RANGES_M[1])])

@@ -1,0 +1,101 @@
+"""Ties: what is measured or stated of the transform between two sensors of a rig.
+
+A tie states T_to_source with the covariance of a twist on its left, in the frame of `to`. The calibration of a camera
+with a LiDAR, the registration of the sweeps of two LiDARs, and a stated constraint are the same but for what is known
+of their errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.geometry.poses import inverse
+from semcal_cli.many.rig.rig_document import FIRST_LIDAR, Constraint
+from semcal_cli.result.calibration_document import CalibrationDocument
+from semcal_cli.result.uncertainty import Uncertainty
+
+TieKind: TypeAlias = Literal["calibration", "registration", "constraint"]
+
+
+@dataclass(frozen=True, eq=False)
+class Tie:
+    """Measured or stated transform between two sensors of a rig."""
+
+    kind: TieKind
+    to: str
+    """Sensor to whose frame the transform leads."""
+    source: str
+    """Sensor from whose frame it leads."""
+    pose: Pose
+    """T_to_source (4, 4), p_to = T_to_source p_source, metres."""
+    covariance: Matrix
+    """(6, 6) covariance of a twist on its left, square metres and radians."""
+    uncertainty: Uncertainty | None = None
+    """What is known of the errors of a measurement; None for a constraint, whose covariance is stated."""
+    shares_errors: bool = False
+    """Whether its errors are shared with other such ties to an unknown degree, as by all cues but labels."""
+
+    @classmethod
+    def of_calibration(cls, camera: str, lidar: str, calibration: CalibrationDocument) -> Tie | None:
+        """Make the tie of a camera and a LiDAR; None if the calibration is not trusted, or has no uncertainty."""
+        if (uncertainty := calibration.believed_uncertainty) is None:
+            return None
+        shares = "cues" in calibration.settings.options
+        covariance = np.array(uncertainty.covariance)
+        return cls("calibration", camera, lidar, calibration.pose, covariance, uncertainty, shares)
+
+    @classmethod
+    def of_constraint(cls, constraint: Constraint) -> Tie:
+        """Make the tie of a constraint."""
+        covariance = np.diag(constraint.variances)
+        return cls("constraint", constraint.to, constraint.source, constraint.pose, covariance)
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Both sensors."""
+        return self.to, self.source
+
+    def across(self, known: str) -> Pose:
+        """Return the transform (4, 4) from the frame of one of its sensors to that of the other."""
+        return self.pose if known == self.source else inverse(self.pose)
+
+
+def in_reach(ties: list[Tie]) -> list[tuple[Tie, str | None]]:
+    """Order ties so that each has a sensor that the first LiDAR or the ties before it reach.
+
+    Ties that nothing reaches are left out.
+
+    Returns:
+        The ties, each with the sensor that it is the first to reach; None if others reach both of its sensors.
+    """
+    reached, waiting = {FIRST_LIDAR}, list(ties)
+    ordered: list[tuple[Tie, str | None]] = []
+    while (tie := next((tie for tie in waiting if not reached.isdisjoint(tie.ends)), None)) is not None:
+        waiting.remove(tie)
+        new = next((end for end in tie.ends if end not in reached), None)
+        ordered.append((tie, new))
+        reached.update(tie.ends)
+    return ordered
+
+
+def loop_of(tie: Tie, tree: dict[str, str]) -> tuple[str, ...]:
+    """List the sensors around the loop that a tie closes, from the first LiDAR on if it is one of them.
+
+    Args:
+        tie: A tie between two sensors of the tree.
+        tree: For each sensor but the first LiDAR, the next one on its way there.
+    """
+    ways = [[end] for end in tie.ends]
+    for way in ways:
+        while way[-1] in tree:
+            way.append(tree[way[-1]])
+    one, other = ways
+    shared = next(sensor for sensor in one if sensor in other)
+    there, back = one[: one.index(shared) + 1], other[: other.index(shared)]
+    around = [*there, *reversed(back)]
+    start = around.index(FIRST_LIDAR) if FIRST_LIDAR in around else 0
+    return (*around[start:], *around[:start])

@@ -1,0 +1,453 @@
+"""Rigs of several LiDARs: what ties them together, what loops say of it, and the commands."""
+
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import Result
+from commands import invoke
+from conftest import NAMES, SMALL, make_pose
+from test_rig import exp, twist, with_pose
+from test_rig_constraints import SIGMA_DEG, SIGMA_M, constraint
+from test_schemas import check
+
+from semcal_cli import errors
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_document
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses, inverse
+from semcal_cli.many.rig.adjustment import adjust
+from semcal_cli.many.rig.further_lidar import (
+    MAX_HALF_WIDTH_DEG,
+    assess_lidar,
+    first_cameras,
+    measure_lidars,
+)
+from semcal_cli.many.rig.rig_calibration import combine
+from semcal_cli.many.rig.rig_document import read_rig
+from semcal_cli.many.rig.rig_page import rig_verdict
+from semcal_cli.many.rig.rig_pair import from_first_lidar
+from semcal_cli.many.rig.sweep_registration import (
+    SweepPair,
+    read_sweep_pairs,
+    register_sweeps,
+    robust_mean,
+)
+from semcal_cli.many.rig.ties import Tie
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration
+from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.synthetic.synthesis import synthesize_rig
+
+LIDAR = "lidar_1"
+SENSORS = ("front", "left", "rear")
+"""Two cameras, and a further LiDAR."""
+SIGMA = np.repeat([SIGMA_M, np.radians(SIGMA_DEG)], 3)
+
+
+@pytest.fixture(scope="module")
+def lidars(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig of two cameras and two LiDARs, whose sweeps are to be registered; tests do not write to it."""
+    path = tmp_path_factory.mktemp("lidars") / "rig/rig.yaml"
+    synthesize_rig(SMALL, 2, path.parent, num_lidars=2)
+    document = yaml.safe_load(path.read_text())
+    document["lidars"][LIDAR]["register"] = True
+    path.write_text(path.read_text().splitlines()[0] + "\n" + yaml.safe_dump(document, sort_keys=False))
+    return path
+
+
+@pytest.fixture(scope="module")
+def results(lidars: Path) -> tuple[Result, Path]:
+    out = lidars.parents[1] / "results"
+    return invoke("calibrate", lidars, "-o", out, "--report", out.with_suffix(".html")), out
+
+
+@pytest.fixture(scope="module")
+def sure(results: tuple[Result, Path]) -> CalibrationDocument:
+    """A calibration, whatever it says, as if by many parts of the images."""
+    calibration = read_calibration(results[1] / f"{NAMES[0]}.yaml")
+    many = calibration.uncertainty.model_copy(update={"degrees_of_freedom": (1e4,) * 6})
+    sound = {"status": "trusted", "reasons": (), "topics": (), "uncertainty": many}
+    return calibration.model_copy(update=sound)
+
+
+def poses(rng: np.random.Generator) -> dict[str, Pose]:
+    """Where the sensors are from the first LiDAR: T_sensor_lidar."""
+    return {name: make_pose(rng.uniform(-2.0, 2.0, 3), rng.uniform(-1.0, 1.0, 3)) for name in SENSORS}
+
+
+class Measured:
+    """Calibrations and ties of a rig, with normal errors or exact."""
+
+    def __init__(
+        self, sure: CalibrationDocument, truth: dict[str, Pose], rng: np.random.Generator, by: float
+    ):
+        def measured(T: Pose) -> CalibrationDocument:
+            return with_pose(sure, exp(by * SIGMA * rng.standard_normal(6)) @ T, np.diag(SIGMA**2))
+
+        self.cameras = {name: measured(truth[name]) for name in SENSORS[:2]}
+        registered = measured(inverse(truth["rear"])).pose
+        covariance, many = np.diag(SIGMA**2), np.full(6, 1e4)
+        known = Uncertainty.from_covariance(registered, covariance, many)
+        self.ties = [
+            Tie("registration", "lidar", "rear", registered, covariance, known),
+            *(
+                Tie.of_calibration(name, "rear", measured(truth[name] @ inverse(truth["rear"])))
+                for name in SENSORS[:2]
+            ),
+        ]
+
+
+def wrong(tie: Tie, angle_deg: float, rng: np.random.Generator) -> Tie:
+    axis = rng.standard_normal(3)
+    turn = exp(np.concatenate([np.zeros(3), np.radians(angle_deg) * axis / np.linalg.norm(axis)]))
+    return replace(tie, pose=turn @ tie.pose)
+
+
+def test_errors_after_the_adjustment_are_as_it_says(sure: CalibrationDocument) -> None:
+    """Calibrations and registrations err as they state; so do the adjusted sensors, all three together."""
+    rng = np.random.default_rng(3)
+    truth, squares = poses(rng), []
+    for _ in range(100):
+        measured = Measured(sure, truth, rng, by=1.0)
+        adjustment, found = adjust(measured.cameras, [], measured.ties)
+        assert adjustment.cameras == (*SENSORS[:2], "rear")
+        error = np.concatenate([twist(found[name].pose @ inverse(truth[name])) for name in SENSORS])
+        squares.append(error @ np.linalg.solve(np.array(adjustment.covariance), error))
+        assert not adjustment.contradictions
+    # Chi-square with 18 degrees of freedom: its mean, and four standard errors of that.
+    assert np.mean(squares) == pytest.approx(18.0, abs=4.0 * 6.0 / np.sqrt(100))
+
+
+def test_the_covariance_between_lidars_is_that_of_their_scatter(sure: CalibrationDocument) -> None:
+    rng = np.random.default_rng(5)
+    truth, errors_m = poses(rng), []
+    for _ in range(200):
+        measured = Measured(sure, truth, rng, by=1.0)
+        _, found = adjust(measured.cameras, [], measured.ties[1:])
+        pair = from_first_lidar("rear", found["rear"], None)
+        errors_m.append(twist(pair.T_a_b @ truth["rear"]))
+    assert (pair.a, pair.b) == ("lidar", "rear")
+    stated = np.array(pair.uncertainty.covariance)
+    assert np.var(errors_m, axis=0) == pytest.approx(np.diag(stated), rel=4.0 * np.sqrt(2.0 / 200))
+
+
+def test_errors_of_k_that_calibrations_share_are_counted_once(sure: CalibrationDocument) -> None:
+    """Both calibrations of each camera err by the same error of its intrinsics, far more than by chance."""
+    rng = np.random.default_rng(11)
+    truth, squares = poses(rng), []
+    J = {name: 10.0 * np.diag(SIGMA)[:, [0, 1, 4, 5]] for name in SENSORS[:2]}
+    covariance = {name: np.diag(SIGMA**2) + J[name] @ J[name].T for name in J}
+    for _ in range(100):
+        k = {name: rng.standard_normal(4) for name in J}
+        exact = Measured(sure, truth, rng, by=1.0)
+
+        def shifted(name: str, T: Pose, k: dict = k) -> CalibrationDocument:
+            moved = with_pose(sure, exp(J[name] @ k[name]) @ T, covariance[name])
+            of_K = {"covariance_of_intrinsics": J[name] @ J[name].T, "twist_by_intrinsics": J[name]}
+            rows = {part: tuple(map(tuple, matrix.tolist())) for part, matrix in of_K.items()}
+            return moved.model_copy(update={"uncertainty": moved.uncertainty.model_copy(update=rows)})
+
+        cameras = {name: shifted(name, camera.pose) for name, camera in exact.cameras.items()}
+        ties = [Tie.of_calibration(tie.to, tie.source, shifted(tie.to, tie.pose)) for tie in exact.ties[1:]]
+        adjustment, found = adjust(cameras, [], ties)
+        error = np.concatenate([twist(found[name].pose @ inverse(truth[name])) for name in SENSORS])
+        squares.append(error @ np.linalg.solve(np.array(adjustment.covariance), error))
+        own = [twist(found[name].pose @ inverse(truth[name])) for name in SENSORS]
+        alone = [np.array(found[name].uncertainty.covariance) for name in SENSORS]
+        squares[-1] += sum(e @ np.linalg.solve(C, e) for e, C in zip(own, alone, strict=True))
+    # Eighteen axes together, and once more one sensor after the other; twice the spread of chi-square at most.
+    assert np.mean(squares) == pytest.approx(36.0, abs=4.0 * 12.0 / np.sqrt(100))
+
+
+def test_exact_measurements_close_every_loop(sure: CalibrationDocument) -> None:
+    measured = Measured(sure, poses(rng := np.random.default_rng(4)), rng, by=0.0)
+    adjustment, found = adjust(measured.cameras, [], measured.ties)
+    assert [loop.sensors for loop in adjustment.loops] == [
+        ("lidar", "rear", "front"),
+        ("lidar", "rear", "left"),
+    ]
+    for loop in adjustment.loops:
+        assert (loop.rotation_deg, loop.distance_m) == pytest.approx((0.0, 0.0), abs=1e-9)
+        # Three errors of two millimetres along three axes, and the levers of rotations of about a metre.
+        assert 3.0 * SIGMA_M < loop.expected_distance_m < 4.5 * SIGMA_M
+        assert loop.expected_rotation_deg == pytest.approx(3.0 * SIGMA_DEG)
+    assert found["front"].pose == pytest.approx(measured.cameras["front"].pose, abs=1e-9)
+
+
+def test_moving_the_points_moves_the_lidar(sure: CalibrationDocument) -> None:
+    """With the points of the second LiDAR moved by S, T_lidar_rear is moved by S^-1, and no camera moves."""
+    rng, S = np.random.default_rng(6), make_pose((0.2, -0.4, 1.0), (0.5, 0.3, -0.2))
+    measured = Measured(sure, poses(rng), rng, by=1.0)
+    moved = [replace(tie, pose=tie.pose @ inverse(S)) for tie in measured.ties]
+    (_, before), (_, after) = (adjust(measured.cameras, [], ties) for ties in (measured.ties, moved))
+    # Round-off, and what the linearisation at other places leaves.
+    assert inverse(after["rear"].pose) == pytest.approx(inverse(before["rear"].pose) @ inverse(S), abs=1e-7)
+    assert after["left"].pose == pytest.approx(before["left"].pose, abs=1e-7)
+
+
+@pytest.mark.parametrize("place", range(3))
+@pytest.mark.parametrize("seed", range(5))
+def test_a_wrong_measurement_is_named_and_draws_nothing(
+    sure: CalibrationDocument, place: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    measured = Measured(sure, poses(rng), rng, by=1.0)
+    ties = [wrong(tie, 2.0, rng) if index == place else tie for index, tie in enumerate(measured.ties)]
+    adjustment, found = adjust(measured.cameras, [], ties)
+    (named,) = adjustment.contradictions
+    assert (named.kind, named.to, named.source) == (ties[place].kind, ties[place].to, ties[place].source)
+    assert named.rotation_deg == pytest.approx(2.0, abs=0.3)
+    _, expected = adjust(
+        measured.cameras, [], [tie for tie in measured.ties if tie is not measured.ties[place]]
+    )
+    assert found["rear"].pose == pytest.approx(expected["rear"].pose, abs=1e-12)
+
+
+def test_a_wrong_calibration_with_the_first_lidar_shows_in_that_with_the_further_one(
+    sure: CalibrationDocument,
+) -> None:
+    """Nothing else ties the camera, so that its two calibrations differ from each other alone. Both are named."""
+    rng = np.random.default_rng(7)
+    measured = Measured(sure, poses(rng), rng, by=1.0)
+    direct = Tie.of_calibration("front", "lidar", measured.cameras["front"])
+    cameras = measured.cameras | {"front": with_pose(sure, wrong(direct, 2.0, rng).pose, direct.covariance)}
+    (named,) = adjust(cameras, [], measured.ties)[0].contradictions
+    assert (named.kind, named.to, named.source) == ("calibration", "front", "rear")
+    assert "check the drives of front with rear and with the first LiDAR" in named.reason
+
+
+def test_two_that_contradict_each_other_are_a_loop_that_does_not_close(sure: CalibrationDocument) -> None:
+    """Nobody can say which of the two is wrong, so one is left out, and the loop is reported."""
+    rng = np.random.default_rng(8)
+    measured = Measured(sure, poses(rng), rng, by=1.0)
+    front, left = measured.ties[1:]
+    adjustment, _ = adjust(measured.cameras, [], [front, wrong(left, 2.0, rng)])
+    assert len(adjustment.contradictions) == 1
+    (loop,) = adjustment.loops
+    assert loop.sensors == ("lidar", "front", "rear", "left")
+    assert not loop.is_explained
+    assert loop.sentence.endswith(", more than chance explains")
+
+
+def test_constraints_tie_lidars_and_cameras_of_further_lidars(sure: CalibrationDocument) -> None:
+    """Only the second LiDAR sees the camera `left`: its pose follows from that of the LiDAR."""
+    truth = poses(rng := np.random.default_rng(9))
+    measured = Measured(sure, truth, rng, by=0.0)
+    known = constraint("lidar", "rear", inverse(truth["rear"]))
+    cameras = {"front": measured.cameras["front"]}
+    adjustment, found = adjust(cameras, [known], measured.ties[2:])
+    assert adjustment.cameras == ("front", "rear", "left")
+    assert found["left"].pose == pytest.approx(truth["left"], abs=1e-9)
+    sigmas = [np.sqrt(np.diag(found[name].uncertainty.covariance)) for name in ("left", "front")]
+    assert (sigmas[0] > sigmas[1]).all()
+    # Nothing ties the camera to the first LiDAR any more.
+    adjustment, found = adjust(cameras, [], measured.ties[2:])
+    assert (list(found), adjustment.skipped) == (["front"], ())
+
+
+IDENTITY = np.eye(4).tolist()
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        (
+            {"lidars": {"rear": {"cameras": {"back": "camera_0_on_lidar_1"}}}, "T_lidar_lidar": {}},
+            "lidars.rear: found nothing that ties it to the first LiDAR, expected a camera that sees both, "
+            "`constraints`, or `register: true` and T_lidar_lidar",
+        ),
+        (
+            {"lidars": {"lidar": {"cameras": {"camera_0": "camera_0_on_lidar_1"}}}},
+            "lidars: found 'lidar' for two things, expected a name for each camera, LiDAR and result",
+        ),
+        (
+            {"cameras": {"lidar": "camera_0", "camera_1": "camera_1"}},
+            "lidars: found 'lidar' for two things, expected a name for each camera, LiDAR and result",
+        ),
+        (
+            {"lidars": {"Camera_0": {"cameras": {"camera_0": "camera_0_on_lidar_1"}}}},
+            "lidars: found 'camera_0' and 'Camera_0', expected names that differ in more than case",
+        ),
+        (
+            {"cameras": {"camera_0": "camera_0", "camera_0_on_lidar_1": "camera_1"}},
+            "lidars: found 'camera_0_on_lidar_1' for two things, expected a name for each camera, LiDAR and result",
+        ),
+        (
+            {"lidars": {"a/b": {"cameras": {"camera_0": "camera_0_on_lidar_1"}}}},
+            "lidars: found 'a/b', expected a LiDAR name of letters, digits, _, - and .",
+        ),
+        (
+            {"lidars": {"lidar_1": {"cameras": {}}}},
+            "lidars.lidar_1.cameras: found a mapping of 0, needed at least 1",
+        ),
+        (
+            {"lidars": {"lidar_1": {"cameras": {"camera_0": "camera_1"}}}},
+            "for 'camera_1' and 'camera_0_on_lidar_1', expected a drive for each",
+        ),
+        (
+            {"T_lidar_lidar": {"lidar": {"rear": IDENTITY}}},
+            "T_lidar_lidar: found LiDAR 'rear', expected one of: lidar, lidar_1",
+        ),
+        (
+            {
+                "constraints": [
+                    {"from": "rear", "to": "lidar", "T_to_from": IDENTITY, "sigma_m": 1.0, "sigma_deg": 1.0}
+                ]
+            },
+            "constraints[0]: found camera or LiDAR 'rear', expected one of: camera_0, camera_1, lidar, lidar_1",
+        ),
+        (
+            {"cameras": {"camera_0": "camera_0"}, "lidars": {}, "T_lidar_lidar": {}},
+            "found a mapping of 1, needed at least 2",
+        ),
+    ],
+)
+def test_mistakes_are_named(lidars: Path, changes: dict, complaint: str) -> None:
+    path = lidars.with_name("wrong.yaml")
+    path.write_text(yaml.safe_dump(yaml.safe_load(lidars.read_text()) | changes))
+    with pytest.raises(InputError) as caught:
+        read_rig(path).read_drives()
+    assert str(caught.value).startswith(f"{path}: ")
+    assert complaint in str(caught.value)
+
+
+def test_drives_of_one_camera_have_one_camera(lidars: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copytree(lidars.parent, tmp_path / "rig")) / "rig.yaml"
+    drive = path.parent / "camera_1_on_lidar_1/drive.yaml"
+    drive.write_text(drive.read_text().replace("width: 480", "width: 490"))
+    with pytest.raises(InputError) as caught:
+        read_rig(path).read_drives()
+    assert str(caught.value) == (
+        f"{path}: lidars: found different `camera` blocks in the drives of 'camera_1' and 'camera_1_on_lidar_1', "
+        "expected the same camera"
+    )
+
+
+def test_a_missing_extra_is_named(lidars: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(errors, "is_installed", lambda package: package != "small_gicp")
+    result = invoke("calibrate", lidars, "-o", tmp_path / "out")
+    assert str(result.exception).startswith(
+        f"{lidars}: lidars.lidar_1.register: found no small_gicp; install the extra 'registration': pip install"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_places_the_lidar(lidars: Path, results: tuple[Result, Path], tmp_path: Path) -> None:
+    ending, out = results
+    assert ending.exit_code in (0, 3), ending.output
+    document = read_document(out / "rig_calibration.yaml")
+    check(lidars)
+    check(out / "rig_calibration.yaml")
+    lidar = document["lidars"][LIDAR]
+    assert (lidar["status"], lidar["registration"]["num_pairs"]) == ("trusted", SMALL.num_frames)
+    pair = lidar["pair"]
+    assert (pair["a"], pair["b"], pair["reference"]["source"]) == ("lidar", LIDAR, "rig.yaml")
+    assert pair["reference"]["is_explained"]
+    assert pair["reference"]["rotation_deg"] < 0.05
+    assert pair["reference"]["camera_center_cm"] < 1.0
+    assert max(pair["uncertainty"]["half_width_95_rotation_deg"]) < 0.1 < MAX_HALF_WIDTH_DEG
+    assert list(document["cameras"]) == list(lidar["cameras"]) == list(NAMES)
+    loops = document["adjustment"]["loops"]
+    assert [loop["sensors"] for loop in loops] == [["lidar", LIDAR, name] for name in NAMES]
+    assert f"LiDAR {LIDAR}    trusted: ±" in ending.stderr.replace("+- ", "±")
+    assert "T_lidar_lidar_1\n" in ending.stderr
+    assert f"lidar - {LIDAR} - camera_0 closes within" in " ".join(ending.stderr.split())
+    # What was written is read again.
+    again = invoke("report", lidars, out, "-o", tmp_path / "again.html")
+    assert again.exit_code == 0, again.output
+    assert (tmp_path / "again.html").read_bytes() == out.with_suffix(".html").read_bytes()
+    page = (tmp_path / "again.html").read_text()
+    assert "p_lidar = T_lidar_lidar_1 p_lidar_1: from lidar_1 to lidar" in page
+    assert page.count("chance explains it") == len(loops)
+
+
+def test_a_wrong_calibration_is_named_and_neither_lidar_nor_rig_is_trusted(
+    lidars: Path, results: tuple[Result, Path], rng: np.random.Generator
+) -> None:
+    """The registration, which starts between the two cameras, shows which of them is wrong."""
+    rig, sound = read_rig(lidars), {"status": "trusted", "reasons": (), "topics": ()}
+    drives, truth = rig.read_drives(), rig.reference("lidar", LIDAR)
+    cameras = {
+        name: read_calibration(results[1] / f"{name}.yaml").model_copy(update=sound) for name in rig.views
+    }
+    turned = cameras[f"camera_1_on_{LIDAR}"]
+    turn = exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(2.0), 0.0]))
+    cameras[f"camera_1_on_{LIDAR}"] = with_pose(turned, turn @ turned.pose, turned.covariance)
+    measured = measure_lidars(rig, cameras, drives)
+    adjustment, sensors = adjust(first_cameras(rig, cameras), (), measured.ties)
+    lidar = assess_lidar(LIDAR, rig, drives, cameras, adjustment, sensors, measured)
+    whole = combine(rig, drives, cameras, {}, 6, adjustment, (lidar,))
+    (reason,) = whole.reasons
+    assert re.match(r"the calibration of camera_1 with lidar_1 is (1\.9|2\.0|2\.1) degrees and ", reason)
+    assert reason.endswith(
+        "was left out: check the drives of camera_1 with lidar_1 and with the first LiDAR, and the others of its loops"
+    )
+    assert (whole.status, lidar.status, lidar.reasons) == ("not_trusted", "not_trusted", (reason,))
+    assert lidar.pair.believed_uncertainty is None
+    assert compare_poses(lidar.pair.T_a_b, truth).rotation_deg < 0.05
+    assert [loop.is_explained for loop in adjustment.loops] == [True, False]
+    assert rig_verdict(whole).title == "The LiDARs are not tied well"
+
+
+def test_overlays_and_inspection_take_each_camera_with_each_lidar(
+    lidars: Path, results: tuple[Result, Path], tmp_path: Path
+) -> None:
+    ending = invoke("overlay", lidars, results[1], "-o", tmp_path / "o", "--by", "depth", "--max-frames", "1")
+    assert ending.exit_code == 0, ending.output
+    names = [*NAMES, *(f"{name}_on_{LIDAR}" for name in NAMES)]
+    assert sorted(path.parent.name for path in (tmp_path / "o").rglob("*.png")) == sorted(names)
+    lines = invoke("inspect", lidars).stdout.splitlines()
+    assert [line for line in lines if line.startswith("[")] == [f"[{name}]" for name in names]
+
+
+@pytest.fixture(scope="module")
+def sweep_pairs(lidars: Path) -> list[SweepPair]:
+    drives = read_rig(lidars).read_drives()
+    return read_sweep_pairs([drives["camera_1"]], [drives["camera_1_on_lidar_1"]])
+
+
+def register(pairs: Sequence[SweepPair], T_start: Pose) -> Pose:
+    registration = register_sweeps(pairs, T_start)
+    assert registration is not None
+    return np.array(registration.T_lidar_further)
+
+
+def test_a_registration_is_as_near_the_truth_as_it_says(lidars: Path, sweep_pairs: list[SweepPair]) -> None:
+    truth = read_rig(lidars).reference("lidar", LIDAR)
+    start = exp(np.array([0.05, -0.03, 0.04, 0.01, -0.008, 0.012])) @ truth
+    registration = register_sweeps(sweep_pairs, start)
+    assert (registration.num_pairs, registration.num_left_out) == (SMALL.num_frames, 0)
+    error = compare_poses(np.array(registration.T_lidar_further), truth)
+    assert (np.abs(error.offsets) <= registration.tie(LIDAR).uncertainty.half_widths).all()
+    # With the points moved, so is the answer; voxels divide the points another way, which costs a millimetre.
+    S = make_pose((0.0, 0.0, 0.5), (0.4, 0.0, 0.1))
+    moved = [
+        SweepPair(first, (further @ S[:3, :3].T + S[:3, 3]).astype(np.float32))
+        for first, further in sweep_pairs
+    ]
+    found = register(moved, start @ inverse(S))
+    away = compare_poses(found, np.array(registration.T_lidar_further) @ inverse(S))
+    assert (away.rotation_deg, away.camera_center_m) == pytest.approx((0.0, 0.0), abs=0.01)
+
+
+def test_what_cannot_be_registered_is_left_out(lidars: Path, sweep_pairs: list[SweepPair]) -> None:
+    """A sweep of another moment jumps, or overlaps too little; two pairs are too few."""
+    truth = read_rig(lidars).reference("lidar", LIDAR)
+    mixed = [*sweep_pairs, SweepPair(sweep_pairs[0].first, 100.0 + sweep_pairs[0].further)]
+    registration = register_sweeps(mixed, truth)
+    assert (registration.num_pairs, registration.num_left_out) == (SMALL.num_frames, 1)
+    assert register_sweeps(sweep_pairs[:2], truth) is None
+
+
+def test_the_robust_mean_ignores_what_is_far_off(rng: np.random.Generator) -> None:
+    values = rng.standard_normal((40, 6))
+    values[:4] += 50.0
+    mean, errors_of_mean = robust_mean(values)
+    assert np.abs(mean - values[4:].mean(axis=0)).max() < 0.2
+    # Of 36 values with a standard deviation of 1, and their weights.
+    assert errors_of_mean == pytest.approx(1.0 / 6.0, rel=0.5)
