@@ -84,14 +84,14 @@ def test_several_topics_are_listed_with_the_command_for_each(tmp_path: Path, cli
     changes = {"info": lambda *about: None, "image": lambda *about: None, **cameras}
     path = small(tmp_path, "mcap library", **changes)
     output = tmp_path / "c.yaml"
-    rig = f"semcal import bag {path} --all-cameras -o {tmp_path / f'{path.stem}_drive_rig'}"
+    rig = f"semcal import bag {path} --odometry --all-cameras -o {tmp_path / f'{path.stem}_drive'}"
     for command in (["calibrate", path, "-o", output], ["import", "bag", path, "-o", output]):
         code, _, err = cli(*command)
         typed = shlex.join(["semcal", *map(str, command)])
         assert code == 1
         assert err == (
             f"semcal: error: {path}: found 1 topic of sweeps and 2 topics of images"
-            f"{f' (a rig of all: `{rig}`)' if command[0] == 'calibrate' else ''}, choose one: "
+            f"{f' (or `{rig}`)' if command[0] == 'calibrate' else ''}, choose one: "
             f"`{typed} --image /left/image_raw`, `{typed} --image /right/image_raw`"
             f"{f', `{typed} --all-cameras`' if command[0] == 'import' else ''}\n"
         )

@@ -171,15 +171,12 @@ def _choices_of_import(source: Recognised, drive: Path, options: list[str]) -> I
     try:
         yield
     except ChoiceError as error:
-        from semcal_cli.importing.bags.topics import ALL_CAMERAS
-
-        if (ALL_CAMERAS,) in error.choices:
-            command = source.command(drive.with_name(f"{drive.name}_rig"), ALL_CAMERAS)
-            problem = f"{error.problem} (a rig of all: `{command}`)"
+        own = (*OF_RECORDINGS, *OF_DATASETS)
+        imports = [words for words in error.choices if words[0] not in own]
+        commands = [f"`{source.command(drive, *options, *words)}`" for words in imports]
+        if len(imports) < len(error.choices):
+            problem = f"{error.problem} (or {', '.join(commands)})" if commands else error.problem
             raise ChoiceError(problem, choices=error.choices) from None
-        if any(words[0] in (*OF_RECORDINGS, *OF_DATASETS) for words in error.choices):
-            raise
-        commands = [f"`{source.command(drive, *options, *words)}`" for words in error.choices]
         raise InputError(f"{error.problem}, choose one: {', '.join(commands)}") from None
 
 

@@ -60,7 +60,7 @@ def inspect(settings: InspectSettings) -> None:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.many.rig.rig_document import find_rig
-    from semcal_cli.result.next_steps import calibration_of
+    from semcal_cli.result.next_steps import after_import
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
@@ -79,7 +79,7 @@ def inspect(settings: InspectSettings) -> None:
         documents = {name: asdict(report) for name, report in reports.items()}
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
-    next_command = calibration_of(drives[""]) if rig is None else shell("calibrate", path, "-o", "results")
+    next_command = shell("calibrate", path, "-o", "results") if rig is not None else after_import(drives[""])
     _print(reports, next_command, with_frames=settings.with_frames)
 
 
@@ -135,7 +135,8 @@ def _print(reports: Mapping[str, DriveReport], next_command: str, *, with_frames
             show(label, line)
         if with_frames:
             console.print(_table(report), soft_wrap=False)
-    console.print(labelled("next", next_command, LABEL_WIDTH), markup=False)
+    if not next_command.startswith(shell("inspect")):
+        console.print(labelled("next", next_command, LABEL_WIDTH), markup=False)
 
 
 def _grouped(report: DriveReport) -> list[str]:

@@ -25,20 +25,14 @@ TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
 
 
 def after_import(drive: Drive) -> str:
-    """Write the command that follows the import of a drive."""
-    first = drive.frames[0]
+    """Write the command that follows the import of a drive; without labels or a transform, it needs a mounting."""
+    first, name = drive.frames[0], drive.argument
     if first.image_labels is None and first.image is None:
-        return shell("inspect", drive.argument)
-    return calibration_of(drive, "-o", "calibration.yaml")
-
-
-def calibration_of(drive: Drive, *options: str | Path) -> str:
-    """Write the command that calibrates a drive, with a mounting measured by hand where nothing else gives a start."""
-    command = shell("calibrate", drive.argument, *options)
-    if drive.frames[0].image_labels is not None or drive.T_camera_lidar is not None:
-        return command
+        return shell("inspect", name)
+    command = shell("calibrate", name, "-o", "calibration.yaml")
+    has_start = first.image_labels is not None or drive.T_camera_lidar is not None
     # In capitals, as what the user has to fill in.
-    return f"{command} --init-rpy-xyz R P Y X Y Z"
+    return command if has_start else f"{command} --init-rpy-xyz R P Y X Y Z"
 
 
 def after_calibration(
