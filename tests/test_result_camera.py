@@ -25,6 +25,7 @@ from semcal_cli.report import read_report_input
 from semcal_cli.report.words import camera_sentences, uncertainty_sentences
 from semcal_cli.result.applied import apply_result, as_begun
 from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration, write_calibration
+from semcal_cli.result.next_steps import after_calibration
 from semcal_cli.result.provenance import camera_hash
 from semcal_cli.result.refined_camera import camera_differences
 
@@ -239,6 +240,13 @@ def test_zeros_that_a_lens_ends_with_make_it_no_other_one(right: Camera) -> None
     assert camera_differences(shorter, longer, "B") == []
     assert camera_differences(shorter, other, "B") == ["another distortion"]
     assert camera_hash(shorter) == camera_hash(longer) != camera_hash(other)
+
+
+def test_an_estimated_camera_is_written_with_the_transform(record: CalibrationDocument) -> None:
+    trusted = record.model_copy(update={"status": "trusted"})
+    assert ("with its K", "semcal convert c.yaml --to camera-info") in after_calibration(
+        trusted, Path("c.yaml")
+    )
 
 
 def moving(drive: Drive) -> Drive:

@@ -16,6 +16,7 @@ from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.image_files import read_size
+from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
@@ -176,11 +177,14 @@ def _with_time_unit(
 def _find(option: str, pattern: str) -> list[Path]:
     names = glob.glob(pattern, recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
     paths = [path for path in map(Path, sorted(names)) if path.is_file()]
-    if not paths:
-        raise InputError(
-            f"{option}: {pattern}: found no matching file, needed at least one; quote the pattern"
-        )
     suffixes = SUFFIXES[option]
+    if not paths:
+        problem = "found no matching file, needed at least one; quote the pattern"
+        if is_folder(Path(pattern)):
+            problem = (
+                f"is a folder, expected a pattern of its files, such as '{Path(pattern) / '*'}{suffixes[0]}'"
+            )
+        raise InputError(f"{option}: {pattern}: {problem}")
     for path in paths:
         if not path.name.lower().endswith(suffixes):
             suffix = f"found suffix {path.suffix!r}" if path.suffix else "found no suffix"

@@ -74,6 +74,11 @@ def after_calibration(
         return [
             *([] if has_overlays else [("next", overlay)]),
             ("for a robot", shell("convert", result, "--to", "ros2-static-transform")),
+            *(
+                []
+                if calibration.camera is None
+                else [("with its K", shell("convert", result, "--to", "camera-info"))]
+            ),
             ("later", f"semcal verify NEW_DRIVE {shlex.quote(str(result))}"),
         ]
     return []
