@@ -171,7 +171,12 @@ COUNTS = (
         (4, "--image-labels", "clouds/000002.label clouds/000003.label", COUNTS.format("--image-labels")),
         (4, "--images", "clouds/000002.label clouds/000003.label", COUNTS.format("--images")),
         (1, "*.pcd", "", "--points: *.pcd: found no matching file, needed at least one; quote the pattern"),
-        (1, ".", "", "--points: .: is a folder, expected a pattern of its files, such as '*.pcd'"),
+        (
+            1,
+            "clouds",
+            "",
+            "--points: clouds: is a folder, expected a pattern of its files, such as 'clouds/*.bin'",
+        ),
         (
             4,
             "--image-labels",

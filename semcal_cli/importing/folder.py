@@ -180,10 +180,10 @@ def _find(option: str, pattern: str) -> list[Path]:
     suffixes = SUFFIXES[option]
     if not paths:
         problem = "found no matching file, needed at least one; quote the pattern"
-        if is_folder(Path(pattern)):
-            problem = (
-                f"is a folder, expected a pattern of its files, such as '{Path(pattern) / '*'}{suffixes[0]}'"
-            )
+        if is_folder(folder := Path(pattern)):
+            files = [path.suffix for path in sorted(folder.iterdir()) if path.suffix in suffixes]
+            example = folder / f"*{files[0] if files else suffixes[0]}"
+            problem = f"is a folder, expected a pattern of its files, such as '{example}'"
         raise InputError(f"{option}: {pattern}: {problem}")
     for path in paths:
         if not path.name.lower().endswith(suffixes):
