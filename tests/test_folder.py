@@ -172,12 +172,6 @@ COUNTS = (
         (4, "--images", "clouds/000002.label clouds/000003.label", COUNTS.format("--images")),
         (1, "*.pcd", "", "--points: *.pcd: found no matching file, needed at least one; quote the pattern"),
         (
-            1,
-            "clouds",
-            "",
-            "--points: clouds: is a folder, expected a pattern of its files, such as 'clouds/*.bin'",
-        ),
-        (
             4,
             "--image-labels",
             "labels/000002.png labels/000003.png",
@@ -194,6 +188,16 @@ def test_what_finds_no_files_or_no_pairs_is_named(
     for name in missing.split():
         (tmp_path / "own" / name).unlink()
     assert complaint("folder", *arguments, "-o", tmp_path / "drive") == expected
+
+
+def test_a_folder_in_the_place_of_a_pattern_is_named(tmp_path: Path) -> None:
+    arguments, clouds = own_data(tmp_path / "own"), tmp_path / "own/clouds"
+    arguments[1] = str(clouds)
+    needed = f"expected a pattern of its files, such as '{clouds}/*.bin'"
+    assert (
+        complaint("folder", *arguments, "-o", tmp_path / "drive")
+        == f"--points: {clouds}: is a folder, {needed}"
+    )
 
 
 def write_own_labels(path: Path, ids: str) -> None:
