@@ -211,6 +211,8 @@ def test_motion_needs_times_of_points_and_can_be_refused(tmp_path: Path) -> None
     path = small(tmp_path, tf_static=CHAIN, points=cloud(still), odom=odometry("base"))
     assert "no motion is written" in remarks(path, tmp_path / "drive")
     assert "motion" not in imported(path, tmp_path / "none", motion="none")
+    given = {"motion": "none", "odometry": True}
+    assert "not estimated: points have no times" in remarks(path, tmp_path / "sweeps", **given)
 
 
 @pytest.mark.parametrize("fields", [["x", "y", "z"], ["x", "y", "z", "time"]])

@@ -34,6 +34,7 @@ from semcal_cli.importing.bags.image_messages import image_file, looks_like_mosa
 from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic, frame_of
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.importing.bags.recorded_frames import (
+    NO_TIMES,
     WrittenFrame,
     image_folder,
     with_sweeps_around,
@@ -312,8 +313,12 @@ class _Import:
         frames = map(frame_of, islice(self.bag.messages([topic]), MAX_LATCHED))
         return next((frame for frame in frames if frame is not None), "")
 
-    def _odometry(self, wanted_ns: Sequence[int]) -> Odometry:
-        """Estimate the motion from all sweeps between the first and the last wanted time, and around them."""
+    def _odometry(self, wanted_ns: Sequence[int]) -> Odometry | None:
+        """Estimate the motion from all sweeps between the first and the last wanted time, and around them.
+
+        None if the points of the first have no times, by which the motion would deskew them, and no topic is to be
+        compared.
+        """
         odometry, request = Odometry(), self.request
         start_ns, stop_ns = min(wanted_ns) - AROUND_NS, max(wanted_ns) + AROUND_NS
         for message in self.bag.messages([self.topics.points], start_ns, stop_ns):
@@ -324,6 +329,9 @@ class _Import:
             with suppress(MessageError):
                 stamp_ns = message.received_ns if request.by_receipt else message.header_ns
                 sweep = read_sweep(message, stamp_ns, request.spin)
+                if sweep.times.reference is None and self.trajectory is None:
+                    self.remarks.append(f"the motion of the LiDAR is not estimated: points {NO_TIMES}")
+                    return None
                 odometry.add(sweep.points, None if sweep.seconds is None else sweep.seconds.ravel(), stamp_ns)
         return odometry
 

@@ -33,6 +33,8 @@ MAX_NAME = 100
 """Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
 NUM_WRITERS = 2
 """Number of frames that are written at a time."""
+NO_TIMES = "have no times, by which it would deskew them (`semcal import bag --spin` gives them)"
+"""Why points are not deskewed by a motion."""
 
 
 class WrittenFrame(NamedTuple):
@@ -124,7 +126,7 @@ def write_motion(
     if 2 * min(num_timed, len(covered)) < len(written):
         reason = "there are no poses around most frames"
         if 2 * num_timed < len(written):
-            reason = "most points have no times, by which it would deskew them (`semcal import bag --spin` gives them)"
+            reason = f"most points {NO_TIMES}"
         return None, [frame.source for frame in written], f"{remark}, but {reason}; no motion is written"
     # The poses depend on the chosen frames, so the file belongs to this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"
