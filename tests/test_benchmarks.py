@@ -64,6 +64,7 @@ RUNS = {
     "odometry_gain.py --only clock --seeds 1 --points 10000 --width 160": 1,
     "odometry_speed.py -o OUT/speed --sweeps 12 --points 5000": 1,
     "pictures.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL": 0,
+    "real_rig.py DATA --cameras 2": 2,
     "report.py --frames 2 --width 320 --runs 1": 1,
     "rig.py --seeds 1 --cameras 2 --frames 2 --width 160": 1,
     "rig_constraints.py --seeds 1 --cameras 2 --frames 2 --width 320": 1,
