@@ -3,8 +3,10 @@
 //! A laser that sits beside or above the point where rays are said to start seems to change its direction where the
 //! range steps: those of an HDL-64E by 2 degrees at 5 m. A neighbour at the same elevation is then another laser's.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use std::ops::Range;
+
+use geometry::angles::wrapped;
 
 use super::rays::{MIN_ANGLE, Neighbour, REACH, Ray, Sides};
 
@@ -14,6 +16,10 @@ const MIN_ADVANCING: f64 = 0.75;
 /// Largest step against the scan, radians: neighbours may change places where the range steps, by 0.1 degrees for an
 /// HDL-64E whose lasers sit 2.6 cm beside its axis.
 const MAX_BACK: f64 = 0.002;
+/// Smallest share of the turns that are seen to end at the seam.
+const MIN_AT_SEAM: f64 = 0.3;
+/// Number of rays before the end of a turn that are compared with its first.
+const RAYS_AT_SEAM: usize = 3;
 /// Largest number of returns of one firing that are compared with those of the next.
 const MAX_RETURNS: usize = 4;
 
@@ -70,20 +76,77 @@ fn direction_of_scan(rays: &[Ray], rings: Option<&[u16]>) -> Option<f64> {
 
 /// The scan lines, as ranges of the rays.
 fn lines(rays: &[Ray], rings: Option<&[u16]>, direction: f64) -> Vec<Range<usize>> {
-    let (mut lines, mut start, mut turned) = (Vec::new(), 0, 0.0);
+    let scan = Scan::new(rays, direction);
+    let seam = if rings.is_some() { None } else { scan.seam() };
+    let (mut lines, mut start) = (Vec::new(), 0);
     for at in 1..rays.len() {
         let [a, b] = [&rays[at - 1], &rays[at]];
-        let step = direction * a.turn_to(b);
-        turned += step;
-        let is_full = turned > TAU + REACH || turned > TAU - REACH && !a.is_level_with(b, step.abs());
-        let ends = if rings.is_some() { !is_one_ring(a, b, rings) } else { is_full || step < -REACH };
+        let (step, turned) = (direction * a.turn_to(b), scan.turned[at] - scan.turned[start]);
+        let is_full = || match seam {
+            // The first line may be a short part of one.
+            Some(seam) => turned > if start == 0 { REACH } else { PI } && scan.passes(at, seam),
+            None => turned > TAU + REACH || turned > TAU - REACH && !a.is_level_with(b, step.abs()),
+        };
+        let ends = if rings.is_some() { !is_one_ring(a, b, rings) } else { step < -REACH || is_full() };
         if ends {
             lines.push(start..at);
-            (start, turned) = (at, 0.0);
+            start = at;
         }
     }
     lines.push(start..rays.len());
     lines
+}
+
+/// Rays in the order of a scan.
+struct Scan<'a> {
+    rays: &'a [Ray],
+    direction: f64,
+    /// Turn from the first ray to each, radians of azimuth.
+    turned: Vec<f64>,
+}
+
+impl<'a> Scan<'a> {
+    fn new(rays: &'a [Ray], direction: f64) -> Self {
+        let steps = rays.windows(2).map(|pair| direction * pair[0].turn_to(&pair[1]));
+        let sums = steps.scan(0.0, |turned, step| {
+            *turned += step;
+            Some(*turned)
+        });
+        Self { rays, direction, turned: [0.0].into_iter().chain(sums).collect() }
+    }
+
+    /// The azimuth at which lines of a turn each end; `None` if most turns end nowhere.
+    ///
+    /// To count turns is not enough: the first line may begin late, as where a laser sees the sky, and then all lines would.
+    fn seam(&self) -> Option<f64> {
+        let mut begins: Vec<f64> =
+            (1..self.rays.len()).filter(|&at| self.begins_line(at)).map(|at| self.rays[at].azimuth).collect();
+        begins.sort_by(f64::total_cmp);
+        let beside =
+            |first: f64| begins.iter().filter(move |&&other| wrapped(other - first).abs() < REACH / 2.0);
+        let seam = begins.iter().copied().max_by_key(|&azimuth| beside(azimuth).count())?;
+        (beside(seam).count() as f64 > MIN_AT_SEAM * self.turned.last()? / TAU).then_some(seam)
+    }
+
+    /// Whether a line begins at a ray: at the elevation of the ray a turn later, and not of the ray before.
+    fn begins_line(&self, at: usize) -> bool {
+        let [a, b] = [&self.rays[at - 1], &self.rays[at]];
+        let is_level = |other: &Ray| b.is_level_with(other, b.turn_to(other).abs());
+        if is_level(a) || self.turned[at] - self.turned[at - 1] > REACH {
+            return false;
+        }
+        let later = at + self.turned[at..].partition_point(|turned| *turned < self.turned[at] + TAU);
+        self.rays[at + 1..later.max(at + 1)].iter().rev().take(RAYS_AT_SEAM).any(is_level)
+    }
+
+    /// Whether a ray is the first of a line, if lines end at an azimuth: where the elevation steps, or else the first beyond.
+    fn passes(&self, at: usize, seam: f64) -> bool {
+        let from_seam = |at: usize| self.direction * wrapped(self.rays[at].azimuth - seam);
+        if from_seam(at).abs() < REACH / 2.0 && self.begins_line(at) {
+            return true;
+        }
+        from_seam(at - 1) < REACH / 2.0 && from_seam(at) >= REACH / 2.0 && from_seam(at) < PI / 2.0
+    }
 }
 
 /// The rays of a line in each direction: a firing may have several returns, and placeholders may share one direction.
@@ -115,4 +178,33 @@ fn neighbour(rays: &[Ray], from: usize, returns: Range<usize>, sign: f64) -> Opt
     let distance = ray.arc_to(&rays[at]);
     let is_on_side = sign * ray.turn_to(&rays[at]) > -MAX_BACK;
     (is_on_side && distance > MIN_ANGLE).then_some(Neighbour { at, distance })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RINGS: usize = 8;
+    const COLUMNS: usize = 720;
+
+    /// Rays over a plane, ring by ring from azimuth 0, without the first rays of the first ring.
+    fn scan(missing: usize) -> Vec<Ray> {
+        let ray = |index: usize| {
+            let (ring, column) = (index / COLUMNS, index % COLUMNS);
+            let elevation = -0.02 - 0.006 * ring as f64;
+            let azimuth = wrapped(TAU * (column as f64 + 0.3) / COLUMNS as f64);
+            Ray { azimuth, elevation, range: -1.7 / elevation.sin(), index: index - missing }
+        };
+        (missing..RINGS * COLUMNS).map(ray).collect()
+    }
+
+    #[test]
+    fn lines_end_at_the_seam_though_the_first_begins_late() {
+        for missing in [0, 1, 70, 400] {
+            let starts: Vec<usize> = lines(&scan(missing), None, 1.0).iter().map(|line| line.start).collect();
+            let expected: Vec<usize> =
+                (0..RINGS).map(|ring| (ring * COLUMNS).saturating_sub(missing)).collect();
+            assert_eq!(starts, expected, "{missing}");
+        }
+    }
 }
