@@ -119,13 +119,17 @@ impl<'a> Scan<'a> {
     ///
     /// To count turns is not enough: the first line may begin late, as where a laser sees the sky, and then all lines would.
     fn seam(&self) -> Option<f64> {
-        let mut begins: Vec<f64> =
-            (1..self.rays.len()).filter(|&at| self.begins_line(at)).map(|at| self.rays[at].azimuth).collect();
-        begins.sort_by(f64::total_cmp);
-        let beside =
-            |first: f64| begins.iter().filter(move |&&other| wrapped(other - first).abs() < REACH / 2.0);
-        let seam = begins.iter().copied().max_by_key(|&azimuth| beside(azimuth).count())?;
-        (beside(seam).count() as f64 > MIN_AT_SEAM * self.turned.last()? / TAU).then_some(seam)
+        let num_turns = self.turned.last()? / TAU;
+        if num_turns < 2.0 {
+            return None;
+        }
+        let begins = (1..self.rays.len()).filter(|&at| self.begins_line(at));
+        let mut azimuths: Vec<f64> = begins.map(|at| self.rays[at].azimuth).collect();
+        azimuths.sort_by(f64::total_cmp);
+        let num_until = |end: f64| azimuths.partition_point(|azimuth| *azimuth < end);
+        let count = |&azimuth: &f64| num_until(azimuth + REACH / 2.0) - num_until(azimuth - REACH / 2.0);
+        let seam = *azimuths.iter().max_by_key(|azimuth| count(azimuth))?;
+        (count(&seam) as f64 > MIN_AT_SEAM * num_turns).then_some(seam)
     }
 
     /// Whether a line begins at a ray: at the elevation of the ray a turn later, and not of the ray before.
