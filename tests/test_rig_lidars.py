@@ -136,32 +136,86 @@ def test_the_covariance_between_lidars_is_that_of_their_scatter(sure: Calibratio
     assert np.var(errors_m, axis=0) == pytest.approx(np.diag(stated), rel=4.0 * np.sqrt(2.0 / 200))
 
 
-def test_errors_of_k_that_calibrations_share_are_counted_once(sure: CalibrationDocument) -> None:
+OF_K = 10.0 * np.diag(SIGMA)[:, [0, 1, 4, 5]]
+"""Twist (6, 4) of a camera by errors of its intrinsics, ten times as large as its other errors."""
+
+
+def by_intrinsics(sure: CalibrationDocument, T: Pose, k: np.ndarray) -> CalibrationDocument:
+    """A calibration of which errors (4,) of the intrinsics turn and move the pose."""
+    moved = with_pose(sure, exp(OF_K @ k) @ T, np.diag(SIGMA**2) + OF_K @ OF_K.T)
+    of_K = {"covariance_of_intrinsics": OF_K @ OF_K.T, "twist_by_intrinsics": OF_K}
+    rows = {part: tuple(map(tuple, matrix.tolist())) for part, matrix in of_K.items()}
+    return moved.model_copy(update={"uncertainty": moved.uncertainty.model_copy(update=rows)})
+
+
+def with_wrong_k(
+    sure: CalibrationDocument, truth: dict[str, Pose], rng: np.random.Generator
+) -> tuple[dict[str, CalibrationDocument], list[Tie]]:
+    """Calibrations of which both of each camera share its errors of K, and those with the further LiDAR as ties."""
+    exact = Measured(sure, truth, rng, by=1.0)
+    k = {name: rng.standard_normal(4) for name in SENSORS[:2]}
+    cameras = {name: by_intrinsics(sure, camera.pose, k[name]) for name, camera in exact.cameras.items()}
+    further = [
+        Tie.of_calibration(tie.to, tie.source, by_intrinsics(sure, tie.pose, k[tie.to]))
+        for tie in exact.ties[1:]
+    ]
+    return cameras, further
+
+
+def test_errors_of_k_that_calibrations_share_are_estimated_once(sure: CalibrationDocument) -> None:
     """Both calibrations of each camera err by the same error of its intrinsics, far more than by chance."""
     rng = np.random.default_rng(11)
-    truth, squares = poses(rng), []
-    J = {name: 10.0 * np.diag(SIGMA)[:, [0, 1, 4, 5]] for name in SENSORS[:2]}
-    covariance = {name: np.diag(SIGMA**2) + J[name] @ J[name].T for name in J}
+    truth, squares, loops = poses(rng), [], []
     for _ in range(100):
-        k = {name: rng.standard_normal(4) for name in J}
-        exact = Measured(sure, truth, rng, by=1.0)
-
-        def shifted(name: str, T: Pose, k: dict = k) -> CalibrationDocument:
-            moved = with_pose(sure, exp(J[name] @ k[name]) @ T, covariance[name])
-            of_K = {"covariance_of_intrinsics": J[name] @ J[name].T, "twist_by_intrinsics": J[name]}
-            rows = {part: tuple(map(tuple, matrix.tolist())) for part, matrix in of_K.items()}
-            return moved.model_copy(update={"uncertainty": moved.uncertainty.model_copy(update=rows)})
-
-        cameras = {name: shifted(name, camera.pose) for name, camera in exact.cameras.items()}
-        ties = [Tie.of_calibration(tie.to, tie.source, shifted(tie.to, tie.pose)) for tie in exact.ties[1:]]
+        cameras, ties = with_wrong_k(sure, truth, rng)
         adjustment, found = adjust(cameras, [], ties)
-        error = np.concatenate([twist(found[name].pose @ inverse(truth[name])) for name in SENSORS])
-        squares.append(error @ np.linalg.solve(np.array(adjustment.covariance), error))
+        assert not adjustment.contradictions
         own = [twist(found[name].pose @ inverse(truth[name])) for name in SENSORS]
         alone = [np.array(found[name].uncertainty.covariance) for name in SENSORS]
+        squares.append(np.concatenate(own) @ np.linalg.solve(adjustment.covariance, np.concatenate(own)))
         squares[-1] += sum(e @ np.linalg.solve(C, e) for e, C in zip(own, alone, strict=True))
+        loops += [loop.chi_square for loop in adjustment.loops]
     # Eighteen axes together, and once more one sensor after the other; twice the spread of chi-square at most.
     assert np.mean(squares) == pytest.approx(36.0, abs=4.0 * 12.0 / np.sqrt(100))
+    # Six axes of a loop.
+    assert np.mean(loops) == pytest.approx(6.0, abs=4.0 * np.sqrt(12.0 / 100))
+
+
+def test_two_cameras_of_uncertain_k_place_a_lidar_better_than_one(sure: CalibrationDocument) -> None:
+    cameras, ties = with_wrong_k(sure, poses(rng := np.random.default_rng(12)), rng)
+    widths = [
+        np.array(from_first_lidar("rear", adjust(cameras, [], used)[1]["rear"], None).uncertainty.half_widths)
+        for used in (ties, ties[:1], ties[1:])
+    ]
+    assert (widths[0] < widths[1]).all()
+    assert (widths[0] < widths[2]).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_wrong_calibration_is_named_whatever_the_uncertainty_of_k(
+    sure: CalibrationDocument, seed: int
+) -> None:
+    """A turn by a degree is within the errors of K, but not within those that two calibrations do not share."""
+    rng = np.random.default_rng(seed)
+    truth = poses(rng)
+    cameras, ties = with_wrong_k(sure, truth, rng)
+    known = constraint("lidar", "rear", inverse(truth["rear"]))
+    adjustment, found = adjust(cameras, [known], [ties[0], wrong(ties[1], 1.0, rng)])
+    (named,) = adjustment.contradictions
+    assert (named.kind, named.to, named.source) == ("calibration", "left", "rear")
+    _, expected = adjust(cameras, [known], ties[:1])
+    for name in SENSORS:
+        assert found[name].pose == pytest.approx(expected[name].pose, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_ties_does_not_matter(sure: CalibrationDocument, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cameras, ties = with_wrong_k(sure, poses(rng), rng)
+    (one, found), (other, again) = (adjust(cameras, [], order) for order in (ties, ties[::-1]))
+    # What the linearisation leaves.
+    assert found["rear"].pose == pytest.approx(again["rear"].pose, abs=1e-5)
+    assert one.loops[0].chi_square == pytest.approx(other.loops[0].chi_square, rel=1e-2)
 
 
 def test_exact_measurements_close_every_loop(sure: CalibrationDocument) -> None:

@@ -12,6 +12,7 @@ it began. By how much they fail, beside the standard error of that, is the loop'
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
@@ -248,8 +249,9 @@ def adjust(
     reached = [tie for tie, _ in in_reach([*direct, *measured, *stated])]
     others = [tie for tie in (*measured, *stated) if tie in reached]
     used = [stated[tie] for tie in others if tie in stated]
-    kept, closures = _without_contradictions(direct, others)
-    estimate = RigEstimate.fit([*direct, *kept])
+    shared = sharing_intrinsics([*direct, *others])
+    kept, closures = _without_contradictions(direct, others, shared)
+    estimate = RigEstimate.fit([*direct, *kept], shared)
     together = Adjustment(
         cameras=tuple(estimate.poses),
         covariance=rows(joint_covariance(estimate)),
@@ -260,14 +262,21 @@ def adjust(
     return together, {name: adjusted_sensor(name, estimate) for name in estimate.poses}
 
 
+def sharing_intrinsics(ties: Sequence[Tie]) -> list[str]:
+    """List the cameras that have several calibrations, which share the errors of intrinsics."""
+    counts = Counter(tie.to for tie in ties if tie.kind == "calibration")
+    return [camera for camera, count in counts.items() if count > 1]
+
+
 def _without_contradictions(
-    direct: Sequence[Tie], others: Sequence[Tie]
+    direct: Sequence[Tie], others: Sequence[Tie], shared: Sequence[str]
 ) -> tuple[list[Tie], dict[Tie, Closure]]:
     """Leave out the tie that is farthest beyond chance from all others, again and again until there is none.
 
     Args:
         direct: Calibrations with the first LiDAR, which stay.
         others: The other ties.
+        shared: Cameras whose calibrations share the errors of intrinsics.
 
     Returns:
         The ties that are kept, and how each one differs from the others, if these reach both of its sensors.
@@ -276,7 +285,7 @@ def _without_contradictions(
     while True:
         closures = dict[Tie, Closure]()
         for tie in kept:
-            estimate = RigEstimate.fit([*direct, *(other for other in kept if other is not tie)])
+            estimate = RigEstimate.fit([*direct, *(other for other in kept if other is not tie)], shared)
             if estimate.has(*tie.ends):
                 closures[tie] = estimate.compare(tie)
         farthest = max(closures, key=lambda tie: closures[tie].times_the_limit, default=None)
@@ -289,7 +298,7 @@ def _without_contradictions(
 def loop_closures(ties: Sequence[Tie]) -> tuple[LoopClosure, ...]:
     """Compute the closure of each loop: that of each tie between two sensors which those before it reach."""
     ordered = in_reach(list(ties))
-    first = RigEstimate.fit([tie for tie, new in ordered if new is not None])
+    first = RigEstimate.fit([tie for tie, new in ordered if new is not None], sharing_intrinsics(ties))
     tree = {new: next(end for end in tie.ends if end != new) for tie, new in ordered if new is not None}
     return tuple(
         LoopClosure(sensors=loop_of(tie, tree), **first.compare(tie)._asdict())
