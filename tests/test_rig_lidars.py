@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,12 +25,14 @@ from semcal_cli.geometry.poses import compare_poses, inverse
 from semcal_cli.many.rig.adjustment import adjust
 from semcal_cli.many.rig.further_lidar import (
     MAX_HALF_WIDTH_DEG,
+    UNCONFIRMED,
+    LidarTies,
     assess_lidar,
     first_cameras,
     measure_lidars,
 )
 from semcal_cli.many.rig.rig_calibration import combine
-from semcal_cli.many.rig.rig_document import read_rig
+from semcal_cli.many.rig.rig_document import Rig, read_rig
 from semcal_cli.many.rig.rig_page import rig_verdict
 from semcal_cli.many.rig.rig_pair import from_first_lidar
 from semcal_cli.many.rig.sweep_registration import (
@@ -38,7 +41,7 @@ from semcal_cli.many.rig.sweep_registration import (
     register_sweeps,
     robust_mean,
 )
-from semcal_cli.many.rig.ties import Tie
+from semcal_cli.many.rig.ties import Tie, relying_on, unconfirmed
 from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.synthetic.synthesis import synthesize_rig
@@ -46,6 +49,7 @@ from semcal_cli.synthetic.synthesis import synthesize_rig
 LIDAR = "lidar_1"
 SENSORS = ("front", "left", "rear")
 """Two cameras, and a further LiDAR."""
+IDENTITY = np.eye(4).tolist()
 SIGMA = np.repeat([SIGMA_M, np.radians(SIGMA_DEG)], 3)
 
 
@@ -304,7 +308,90 @@ def test_constraints_tie_lidars_and_cameras_of_further_lidars(sure: CalibrationD
     assert (list(found), adjustment.skipped) == (["front"], ())
 
 
-IDENTITY = np.eye(4).tolist()
+def stated(*ends: str) -> list[Tie]:
+    """Ties without errors, each between the sensors that a letter and a digit name: `c0-l1`."""
+    covariance = np.diag(SIGMA**2)
+    return [
+        Tie("constraint", *each.replace("l0", "lidar").split("-"), np.eye(4), covariance) for each in ends
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ends", "expected"),
+    [
+        ("c0-l0", {"c0"}),
+        ("c0-l0 c0-l1", {"c0", "l1"}),
+        ("c0-l0 c1-l0 c0-l1 c1-l1", set()),
+        ("c0-l0 c0-l1 c1-l1 c2-l1 c1-l2 c2-l2", {"c0", "l1", "c1", "c2", "l2"}),
+        ("c0-l0 c1-l0 c0-l1 c1-l1 c1-l2", {"l2"}),
+        ("c0-l0 l0-l1 l0-l1", {"c0"}),
+        ("c0-l0 c1-l1", {"c0"}),
+    ],
+)
+def test_a_sensor_behind_a_single_tie_is_confirmed_by_nothing(ends: str, expected: set[str]) -> None:
+    assert unconfirmed(stated(*ends.split())) == expected
+
+
+@pytest.mark.parametrize(
+    ("ends", "expected"),
+    [
+        # The first tie of each is wrong. A loop, and what hangs on it.
+        ("c1-l1 c0-l0 c1-l0 c0-l1", {"c0", "c1", "l1"}),
+        ("c1-l1 c0-l0 c1-l0 c0-l1 c2-l1 c2-l2", {"c0", "c1", "l1", "c2", "l2"}),
+        # Two loops that have the first LiDAR in common.
+        ("c1-l1 c0-l0 c1-l0 c0-l1 c2-l0 c3-l0 c2-l2 c3-l2", {"c0", "c1", "l1"}),
+        # A loop beyond a bridge, which is not doubted.
+        ("c2-l2 c0-l0 c0-l1 c1-l1 c2-l1 c1-l2", {"c1", "c2", "l2"}),
+        # Two ties of the same sensors are a loop.
+        ("l0-l1 l0-l1 c0-l0 c1-l1", {"l1", "c1"}),
+    ],
+)
+def test_doubt_follows_the_chain(ends: str, expected: set[str]) -> None:
+    ties = stated(*ends.split())
+    assert relying_on(ties[:1], ties) == expected
+    assert relying_on([], ties) == set()
+
+
+def chain_of_lidars() -> Rig:
+    """The camera c2 alone ties the LiDAR l2 to l1, which two cameras tie to the first one."""
+    on = {"l1": ("c0", "c1", "c2"), "l2": ("c2",)}
+    return Rig.model_validate(
+        {
+            "semcal_rig": 1,
+            "cameras": {"c0": "c0", "c1": "c1"},
+            "lidars": {
+                name: {"cameras": {camera: f"{camera}_on_{name}" for camera in cameras}}
+                for name, cameras in on.items()
+            },
+            "T_lidar_lidar": {"lidar": dict.fromkeys(on, IDENTITY)},
+        }
+    )
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 2.0])
+def test_a_lidar_that_hangs_on_a_contradicted_one_is_not_trusted(
+    sure: CalibrationDocument, angle_deg: float
+) -> None:
+    """Neither are the pairs of cameras on the loop, nor the camera that only the further LiDARs see."""
+    rig, rng = chain_of_lidars(), np.random.default_rng(3)
+    measured = with_pose(sure, np.eye(4), np.diag(SIGMA**2))
+    cameras = dict.fromkeys(rig.views, measured)
+    further = [view for view in rig.views.values() if view.lidar != "lidar"]
+    ties = [Tie.of_calibration(view.camera, view.lidar, measured) for view in further]
+    ties[0] = wrong(ties[0], angle_deg, rng)
+    adjustment, sensors = adjust(first_cameras(rig, cameras), [], ties)
+    known = LidarTies(tuple(ties), {}, {})
+    lidars = tuple(assess_lidar(name, rig, {}, cameras, adjustment, sensors, known) for name in rig.lidars)
+    drives = dict.fromkeys(rig.views, SimpleNamespace(T_camera_lidar=None))
+    whole = combine(rig, drives, cameras, {}, 1, adjustment, lidars)
+    is_wrong = angle_deg > 0.0
+    assert [lidar.status for lidar in lidars] == ["not_trusted" if is_wrong else "trusted"] * 2
+    assert lidars[1].reasons == lidars[0].reasons == tuple(each.reason for each in adjustment.contradictions)
+    # With one of its ties left out, the first of them has a single one, too.
+    assert [lidar.notes for lidar in lidars] == [(UNCONFIRMED,) * is_wrong, (UNCONFIRMED,)]
+    own = [pair for lidar in lidars for pair in lidar.own_cameras]
+    assert [(pair.a, pair.is_doubted) for pair in own] == [("c2", is_wrong)] * 2
+    assert [pair.is_doubted for pair in whole.pairs] == [is_wrong]
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ from semcal_cli.many.rig.rig_uncertainty import (
     joint_covariance,
     rows,
 )
-from semcal_cli.many.rig.ties import Tie, TieKind, in_reach, loop_of
+from semcal_cli.many.rig.ties import Tie, TieKind, in_reach, loop_of, relying_on, unconfirmed
 from semcal_cli.observations.observations import Observations
 from semcal_cli.readable import figure, lengths
 from semcal_cli.result.calibration_document import CalibrationDocument
@@ -181,6 +181,12 @@ class Adjustment(StrictModel):
     """Sensors of each constraint that was not used, since one of the two took no part."""
     loops: Annotated[tuple[LoopClosure, ...], length(0, MAX_TIES)] = ()
     """Closure of each loop of ties, also of those that were left out. Absent for a rig of one LiDAR."""
+    doubted: Annotated[tuple[str, ...], length(0, MAX_SENSORS)] = ()
+    """Sensors whose place relies on a loop with a tie that the others contradict: any tie of the loop may be the wrong
+    one. Absent for a rig of one LiDAR."""
+    unconfirmed: Annotated[tuple[str, ...], length(0, MAX_SENSORS)] = ()
+    """Sensors without a calibration with the first LiDAR that a single tie separates from it, so that no loop confirms
+    their place. Absent for a rig of one LiDAR."""
 
     @model_validator(mode="after")
     def _check(self) -> Adjustment:
@@ -216,9 +222,14 @@ class Adjustment(StrictModel):
         """Ties that the others contradict."""
         return tuple(constraint for constraint in self.constraints if not constraint.is_kept)
 
+    def contradictions_of(self, sensor: str) -> tuple[ComparedConstraint, ...]:
+        """Return the contradicted ties of a sensor, or all of them if its place relies on one of their loops."""
+        of_sensor = tuple(each for each in self.contradictions if sensor in (each.to, each.source))
+        return of_sensor or (self.contradictions if sensor in self.doubted else ())
+
     def describe(self, *, with_loops: bool) -> dict[str, Any]:
         """Make the entry in the document of a rig, with its loops or without."""
-        document = self.model_dump(exclude=set() if with_loops else {"loops"})
+        document = self.model_dump(exclude=set() if with_loops else {"loops", "doubted", "unconfirmed"})
         for constraint in document["constraints"]:
             if constraint["kind"] == "constraint":
                 del constraint["kind"]
@@ -252,12 +263,16 @@ def adjust(
     shared = sharing_intrinsics([*direct, *others])
     kept, closures = _without_contradictions(direct, others, shared)
     estimate = RigEstimate.fit([*direct, *kept], shared)
+    doubted = relying_on([tie for tie in others if tie not in kept], [*direct, *others])
+    single = unconfirmed([*direct, *kept])
     together = Adjustment(
         cameras=tuple(estimate.poses),
         covariance=rows(joint_covariance(estimate)),
         constraints=tuple(ComparedConstraint.of(tie, closures[tie]) for tie in others if tie in closures),
         skipped=tuple((each.to, each.source) for each in constraints if each not in used),
         loops=loop_closures([*direct, *others]),
+        doubted=tuple(name for name in estimate.poses if measured and name in doubted),
+        unconfirmed=tuple(name for name in estimate.poses if name in single and name not in cameras),
     )
     return together, {name: adjusted_sensor(name, estimate) for name in estimate.poses}
 

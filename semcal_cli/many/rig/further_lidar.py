@@ -27,6 +27,7 @@ from semcal_cli.readable import lengths
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.uncertainty import widest
 
+UNCONFIRMED = "no loop confirms its transform: a single measurement is all that ties it to the first LiDAR"
 NOT_REGISTERED = "its sweeps were not registered"
 LidarStatus: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
 MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG = 0.1, 0.5
@@ -50,7 +51,7 @@ class LidarCalibration:
     pair: RigPair | None = None
     """Transform T_lidar_further; None if nothing that is trusted ties the LiDAR to the first one."""
     own_cameras: tuple[RigPair, ...] = ()
-    """Transforms T_camera_lidar from the first LiDAR to the cameras that only further LiDARs see."""
+    """Transforms T_camera_lidar from the first LiDAR to the cameras that have no calibration with it."""
     registration: Registration | None = None
     """Registration of its sweeps with those of the first LiDAR, if there is one."""
 
@@ -156,11 +157,11 @@ def assess_lidar(
             tuple(notes),
         )
     pair = from_first_lidar(name, sensors[name], reference_of(name, views, rig, drives))
-    contradictions = [each.reason for each in adjustment.contradictions if name in (each.to, each.source)]
-    reasons = (*_width(pair), *contradictions)
-    if not any(name in loop.sensors for loop in adjustment.loops):
-        notes.append("no loop confirms its transform, since a single tie leads to it")
-    own = [camera for camera in views if camera in sensors and camera not in rig.cameras]
+    reasons = (*_width(pair), *(each.reason for each in adjustment.contradictions_of(name)))
+    if name in adjustment.unconfirmed:
+        notes.append(UNCONFIRMED)
+    own = [camera for camera in views if camera in sensors and camera not in cameras]
+    doubted = {camera for camera in own if reasons or camera in adjustment.doubted}
     return LidarCalibration(
         name,
         views,
@@ -168,7 +169,7 @@ def assess_lidar(
         reasons,
         tuple(notes),
         replace(pair, is_doubted=bool(reasons)),
-        tuple(RigPair(camera, FIRST_LIDAR, *sensors[camera], None, bool(reasons)) for camera in own),
+        tuple(RigPair(camera, FIRST_LIDAR, *sensors[camera], None, camera in doubted) for camera in own),
         measured.registrations.get(name),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -124,7 +124,7 @@ def combine(
         adjustment: What all sensors and ties say together, which the calibrations follow already.
         lidars: The further LiDARs.
     """
-    pairs = []
+    pairs, doubted = [], () if adjustment is None else adjustment.doubted
     for a, b in combinations(first_cameras(rig, cameras), 2):
         reference, T_a, T_b = None, drives[a].T_camera_lidar, drives[b].T_camera_lidar
         if (T_a_b := rig.reference(a, b)) is not None:
@@ -132,7 +132,9 @@ def combine(
         elif T_a is not None and T_b is not None:
             reference = Reference(np.array(T_a) @ inverse(np.array(T_b)), "T_camera_lidar of both drives")
         of_both = None if adjustment is None else adjustment.covariance_of(a, b)
-        pairs.append(make_pair(a, cameras[a], b, cameras[b], reference, of_both))
+        pair = make_pair(a, cameras[a], b, cameras[b], reference, of_both)
+        is_doubted = pair.is_doubted or not {a, b}.isdisjoint(doubted)
+        pairs.append(replace(pair, is_doubted=is_doubted))
     return RigCalibration(cameras, failures, tuple(pairs), num_sweeps, adjustment, lidars)
 
 
