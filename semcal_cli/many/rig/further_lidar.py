@@ -9,7 +9,6 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import counted
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.many.rig.adjustment import Adjustment, adjust
@@ -17,7 +16,7 @@ from semcal_cli.many.rig.rig_document import FIRST_LIDAR, Rig
 from semcal_cli.many.rig.rig_pair import Reference, RigPair, from_first_lidar
 from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor
 from semcal_cli.many.rig.sweep_registration import (
-    MIN_PAIRS,
+    NotRegistered,
     Registration,
     read_sweep_pairs,
     register_sweeps,
@@ -104,13 +103,11 @@ def measure_lidars(
             notes[name] = f"{NOT_REGISTERED}: nothing that is trusted says where to start"
             continue
         pairs = read_sweep_pairs(_drives_of(FIRST_LIDAR, rig, drives), _drives_of(name, rig, drives), sweeps)
-        if (registration := register_sweeps(pairs, start)) is not None:
-            registrations[name] = registration
+        registration = register_sweeps(pairs, start)
+        if isinstance(registration, NotRegistered):
+            notes[name] = f"{NOT_REGISTERED}: {registration.reason}"
         else:
-            notes[name] = (
-                f"{NOT_REGISTERED}: fewer than {MIN_PAIRS} of {counted(len(pairs), 'pair')} of one moment overlap "
-                "enough"
-            )
+            registrations[name] = registration
     registered = (registration.tie(name) for name, registration in registrations.items())
     # Registrations come first, so that each camera closes a loop of its own.
     return LidarTies((*registered, *calibrated), registrations, notes)
