@@ -453,6 +453,23 @@ def test_a_lidar_that_hangs_on_a_contradicted_one_is_not_trusted(
             "constraints[0]: found camera or LiDAR 'rear', expected one of: camera_0, camera_1, lidar, lidar_1",
         ),
         (
+            {
+                "cameras": {"lidar": "camera_0", "camera_1": "camera_1"},
+                "lidars": {},
+                "T_lidar_lidar": {},
+                "constraints": [
+                    {
+                        "from": "lidar",
+                        "to": "camera_1",
+                        "T_to_from": IDENTITY,
+                        "sigma_m": 1.0,
+                        "sigma_deg": 1.0,
+                    }
+                ],
+            },
+            "cameras: found 'lidar', expected another name beside `constraints`",
+        ),
+        (
             {"cameras": {"camera_0": "camera_0"}, "lidars": {}, "T_lidar_lidar": {}},
             "found a mapping of 1, needed at least 2",
         ),
@@ -477,6 +494,26 @@ def test_drives_of_one_camera_have_one_camera(lidars: Path, tmp_path: Path) -> N
         f"{path}: lidars: found different `camera` blocks in the drives of 'camera_1' and 'camera_1_on_lidar_1', "
         "expected the same camera"
     )
+
+
+def test_drives_have_sweeps_and_images_of_their_own(lidars: Path, tmp_path: Path) -> None:
+    """Drives in wrong places, and copies of drives, would be trusted: their loops close."""
+    path = Path(shutil.copytree(lidars.parent, tmp_path / "rig")) / "rig.yaml"
+    shutil.copytree(path.parent, path.parent / "copy")
+    document = yaml.safe_load(path.read_text())
+    for drive, complaint in (
+        ("camera_1_on_lidar_1", ".camera_0: found images of 'camera_1', expected those of 'camera_0'"),
+        ("copy/camera_1_on_lidar_1", ".camera_0: found images of 'camera_1', expected those of 'camera_0'"),
+        (
+            "copy/camera_0",
+            ": found clouds of 'lidar' in the drive of 'camera_0', expected sweeps of another LiDAR",
+        ),
+    ):
+        document["lidars"] = {LIDAR: {"cameras": {"camera_0": drive}}}
+        path.write_text(yaml.safe_dump(document))
+        with pytest.raises(InputError) as caught:
+            read_rig(path).read_drives()
+        assert str(caught.value) == f"{path}: lidars.{LIDAR}.cameras{complaint}"
 
 
 def test_a_missing_extra_is_named(lidars: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
