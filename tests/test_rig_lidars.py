@@ -1,5 +1,6 @@
 """Rigs of several LiDARs: what ties them together, what loops say of it, and the commands."""
 
+import json
 import re
 import shutil
 from collections import Counter
@@ -18,6 +19,7 @@ from test_rig_constraints import SIGMA_DEG, SIGMA_M, constraint
 from test_schemas import check
 
 from semcal_cli import core, errors
+from semcal_cli.cli.jobs import failure_sentence
 from semcal_cli.drive.document import Drive, Motion
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
@@ -318,6 +320,30 @@ def test_constraints_tie_lidars_and_cameras_of_further_lidars(sure: CalibrationD
     assert (list(found), adjustment.skipped) == (["front"], ())
 
 
+def test_a_constraint_alone_places_a_lidar(sure: CalibrationDocument) -> None:
+    """The calibration of its only camera failed."""
+    truth = poses(rng := np.random.default_rng(10))
+    known = constraint("lidar", "rear", inverse(truth["rear"]))
+    cameras = Measured(sure, truth, rng, by=0.0).cameras
+    adjustment, found = adjust(cameras, [known], lidars=["rear"])
+    assert (adjustment.cameras, adjustment.skipped) == (SENSORS, ())
+    assert adjustment.unconfirmed == ("rear",)
+    assert found["rear"].pose == pytest.approx(truth["rear"], abs=1e-9)
+
+
+def test_a_wrong_constraint_of_lidars_is_named_with_what_to_check(sure: CalibrationDocument) -> None:
+    truth = poses(rng := np.random.default_rng(13))
+    measured = Measured(sure, truth, rng, by=1.0)
+    turned = exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.radians(2.0)])) @ inverse(truth["rear"])
+    adjustment, _ = adjust(measured.cameras, [constraint("lidar", "rear", turned)], measured.ties)
+    (named,) = adjustment.contradictions
+    assert named.reason.startswith("the constraint of lidar and rear is ")
+    assert " from what the other measurements say, more than chance explains" in named.reason
+    assert named.reason.endswith(
+        "check its direction and figures, the calibrations that place lidar and rear, and the other constraints"
+    )
+
+
 def stated(*ends: str) -> list[Tie]:
     """Ties without errors, each between the sensors that a letter and a digit name: `c0-l1`."""
     covariance = np.diag(SIGMA**2)
@@ -579,7 +605,45 @@ def test_a_wrong_calibration_is_named_and_neither_lidar_nor_rig_is_trusted(
     assert lidar.pair.believed_uncertainty is None
     assert compare_poses(lidar.pair.T_a_b, truth).rotation_deg < 0.05
     assert [loop.is_explained for loop in adjustment.loops] == [True, False]
-    assert rig_verdict(whole).title == "The LiDARs are not tied well"
+    assert rig_verdict(whole).title == "Measurements of the rig contradict each other"
+    assert rig_verdict(whole).sentence == "Each camera is trusted alone."
+    unknown = cameras["camera_0"].model_copy(update={"status": "not_assessed"})
+    whole = combine(rig, drives, cameras | {"camera_0": unknown}, {}, 6, adjustment, (lidar,))
+    assert rig_verdict(whole).sentence == "The accuracy of these is unknown: camera_0."
+
+
+def test_cameras_of_the_further_lidar_alone_are_shown_and_exported(lidars: Path, tmp_path: Path) -> None:
+    """Only the second LiDAR sees `camera_1`."""
+    document = yaml.safe_load(lidars.read_text()) | {"cameras": {"camera_0": "camera_0"}}
+    path, out, page = lidars.with_name("own.yaml"), tmp_path / "out", tmp_path / "page.html"
+    path.write_text(yaml.safe_dump(document))
+    ending = invoke("calibrate", path, "-o", out, "--report", page)
+    assert ending.exit_code in (0, 3), ending.output
+    assert "the other measurements of the rig moved the camera by" in " ".join(ending.stderr.split())
+    (own,) = read_document(out / "rig_calibration.yaml")["lidars"][LIDAR]["own_cameras"]
+    for transform in ("T_camera_1_lidar p_lidar:", "T_camera_1_lidar_1 p_lidar_1:"):
+        assert transform in page.read_text()
+    file = tmp_path / "rig_config.json"
+    done = invoke("export", "colmap", path, out, "-o", file)
+    assert done.exit_code == 0, done.output
+    (config,) = json.loads(file.read_text())
+    assert [entry["image_prefix"] for entry in config["cameras"]] == ["camera_0/", "camera_1/"]
+    T = read_calibration(out / "camera_0.yaml").pose @ inverse(np.array(own["T_a_b"]))
+    assert config["cameras"][1]["cam_from_rig_translation"] == pytest.approx(inverse(T)[:3, 3].tolist())
+
+
+@pytest.mark.parametrize(("of_lidars", "kind"), [(True, "calibrations"), (False, "cameras")])
+def test_what_failed_is_named(of_lidars: bool, kind: str) -> None:
+    sentence = failure_sentence({"front_on_rear": "why"}, 4, of_lidars=of_lidars)
+    assert sentence == f"1 of 4 {kind} failed; front_on_rear: why"
+
+
+def test_rigs_that_would_be_too_large_are_not_synthesized(tmp_path: Path) -> None:
+    result = invoke("synth", tmp_path / "rig", "--cameras", "99", "--lidars", "3")
+    assert str(result.exception) == (
+        "--lidars: found 3 and --cameras 99, expected at most 100 drives with further LiDARs"
+    )
+    assert not (tmp_path / "rig").exists()
 
 
 def test_overlays_and_inspection_take_each_camera_with_each_lidar(

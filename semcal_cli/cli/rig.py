@@ -100,17 +100,18 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     jobs = [Job(name, partial(run, name), outputs[name], settings.terminal()) for name in drives]
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
-        raise CalibrationError(failure_sentence(failures, len(drives)))
+        raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
     adjustment, lidars = None, tuple[LidarCalibration, ...]()
     if rig.constraints or rig.lidars:
         measured = measure_lidars(rig, cameras, drives, sweeps)
-        adjustment, sensors = adjust(first_cameras(rig, cameras), rig.constraints, measured.ties)
+        adjustment, sensors = adjust(first_cameras(rig, cameras), rig.constraints, measured.ties, rig.lidars)
         lidars = tuple(
             assess_lidar(name, rig, drives, cameras, adjustment, sensors, measured) for name in rig.lidars
         )
         for name in first_cameras(rig, cameras):
             if name in sensors and not np.array_equal(sensors[name].pose, cameras[name].pose):
-                cameras[name] = _moved(cameras[name], drives[name], sensors[name], config, sweeps)
+                by = "the other measurements" if rig.lidars else "constraints"
+                cameras[name] = _moved(cameras[name], drives[name], sensors[name], by, config, sweeps)
                 write_calibration(cameras[name], folder / f"{name}.yaml")
     result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different, adjustment, lidars)
     _write(result_of_rig, rig, drives, result, hashes)
@@ -126,7 +127,7 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         terminal.print_paths("report", [page])
     _print_verdict(result_of_rig, terminal)
     if failures:
-        raise CalibrationError(failure_sentence(failures, len(drives)))
+        raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
     return exit_code(result_of_rig)
 
 
@@ -134,13 +135,14 @@ def _moved(
     calibration: CalibrationDocument,
     drive: Drive,
     sensor: AdjustedSensor,
+    by: str,
     config: CalibrationConfig,
     sweeps: SweepCache,
 ) -> CalibrationDocument:
-    """Return the calibration of a camera at its adjusted pose."""
+    """Return the calibration of a camera at its adjusted pose, with a note that says what moved it."""
     data = load(calibration.applied_to(drive), config, sweeps=sweeps).unrolled(sensor.pose)
     seen = Skew.undone(data.observations, data.drive, sensor.pose, calibration.deskewed_m_s)
-    return adjusted_calibration(calibration, seen, sensor.pose, sensor.uncertainty)
+    return adjusted_calibration(calibration, seen, sensor, by)
 
 
 def _choose_starts(
@@ -243,8 +245,7 @@ def _pair_lines(pair: RigPair) -> list[str]:
 
 def _lidar_lines(lidar: LidarCalibration) -> list[str]:
     """Describe a further LiDAR, its verdict first."""
-    how_sure = f": {lidar.verdict}" if lidar.status == "trusted" else ""
-    lines = wrapped(f"LiDAR {lidar.name}", f"{lidar.status.replace('_', ' ')}{how_sure}")
+    lines = wrapped(f"LiDAR {lidar.name}", f"{lidar.status.replace('_', ' ')}: {lidar.verdict}")
     if (registration := lidar.registration) is not None:
         left_out = f", {registration.num_left_out} left out" if registration.num_left_out else ""
         lines += wrapped("registered", f"{counted(registration.num_pairs, 'pair')} of sweeps{left_out}")

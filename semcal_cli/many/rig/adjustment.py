@@ -13,7 +13,7 @@ it began. By how much they fail, beside the standard error of that, is the loop'
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from semcal_cli import core
 from semcal_cli.config.file_limits import MAX_CAMERAS
 from semcal_cli.errors import listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
-from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR, MAX_CONSTRAINTS, MAX_LIDARS, Constraint
 from semcal_cli.many.rig.rig_estimate import NUM_AXES, Closure, RigEstimate
@@ -39,7 +39,6 @@ from semcal_cli.observations.observations import Observations
 from semcal_cli.readable import figure, lengths
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.sections import Quality, Stage
-from semcal_cli.result.uncertainty import Uncertainty
 
 STAGE = "adjusted"
 """Name of the stage in the calibration of a camera."""
@@ -107,15 +106,14 @@ class ComparedConstraint(StrictModel):
     def sentence(self) -> str:
         """Describe the difference."""
         difference = f"{figure(self.rotation_deg)} degrees and {lengths([self.distance_m])}"
-        others = "the cameras" if self.kind == "constraint" else "the other measurements"
-        return f"{self.name} is {difference} from what {others} say"
+        return f"{self.name} is {difference} from what the other measurements say"
 
     @property
     def reason(self) -> str:
         """Describe a difference that chance does not explain, and what to do."""
         advice = {
-            "constraint": f"check its direction and figures, the calibrations of {self.to} and {self.source}, and the "
-            "other constraints",
+            "constraint": f"check its direction and figures, the calibrations that place {self.to} and {self.source}, "
+            "and the other constraints",
             "calibration": f"check the drives of {self.to} with {self.source} and with the first LiDAR, and the others "
             "of its loops",
             "registration": f"check that the sweeps of {self.to} and {self.source} are of the same moments, and the "
@@ -240,6 +238,7 @@ def adjust(
     cameras: Mapping[str, CalibrationDocument],
     constraints: Sequence[Constraint],
     measured: Sequence[Tie] = (),
+    lidars: Iterable[str] = (),
 ) -> tuple[Adjustment, dict[str, AdjustedSensor]]:
     """Adjust the poses of a rig's sensors to all ties between them.
 
@@ -249,13 +248,14 @@ def adjust(
         cameras: Calibration with the first LiDAR of each camera that has one.
         constraints: Known transforms between sensors.
         measured: What is measured of further LiDARs.
+        lidars: The further LiDARs, which constraints alone may place, too.
 
     Returns:
         What the sensors say together, and the pose and uncertainty of each that took part.
     """
     alone = [Tie.of_calibration(name, FIRST_LIDAR, calibration) for name, calibration in cameras.items()]
     direct = [tie for tie in alone if tie is not None]
-    sensors = {FIRST_LIDAR, *(end for tie in (*direct, *measured) for end in tie.ends)}
+    sensors = {FIRST_LIDAR, *lidars, *(end for tie in (*direct, *measured) for end in tie.ends)}
     stated = {Tie.of_constraint(each): each for each in constraints if each.sensors <= sensors}
     reached = [tie for tie, _ in in_reach([*direct, *measured, *stated])]
     others = [tie for tie in (*measured, *stated) if tie in reached]
@@ -323,16 +323,17 @@ def loop_closures(ties: Sequence[Tie]) -> tuple[LoopClosure, ...]:
 
 
 def adjusted_calibration(
-    calibration: CalibrationDocument, observations: Observations, T: Pose, uncertainty: Uncertainty
+    calibration: CalibrationDocument, observations: Observations, sensor: AdjustedSensor, by: str
 ) -> CalibrationDocument:
     """Return a calibration with the pose (4, 4) and the uncertainty of an adjustment.
 
     Args:
         calibration: Calibration of the camera alone.
         observations: Observations that it was made from, as the pose sees them.
-        T: Adjusted pose, metres.
-        uncertainty: Its uncertainty.
+        sensor: Its adjusted pose and uncertainty.
+        by: What moved it, for the note.
     """
+    T, uncertainty = sensor
     agreement, away = core.agreement(observations.core, T), compare_poses(T, calibration.pose)
     quality = Quality.of(
         agreement,
@@ -342,7 +343,7 @@ def adjusted_calibration(
     )
     stage = Stage(T_camera_lidar=T.tolist(), mutual_information_nats=agreement.mutual_information)
     note = (
-        f"constraints of the rig moved the camera by {lengths([away.camera_center_m])} and "
+        f"{by} of the rig moved the camera by {lengths([away.camera_center_m])} and "
         f"{figure(away.rotation_deg)} degrees"
     )
     changes = {

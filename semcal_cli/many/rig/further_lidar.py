@@ -95,9 +95,12 @@ def measure_lidars(
     views = {name: view for name, view in rig.views.items() if view.lidar != FIRST_LIDAR and name in cameras}
     ties = [Tie.of_calibration(view.camera, view.lidar, cameras[name]) for name, view in views.items()]
     calibrated = tuple(tie for tie in ties if tie is not None)
-    _, sensors = adjust(first_cameras(rig, cameras), rig.constraints, calibrated)
     registrations, notes = dict[str, Registration](), dict[str, str]()
-    for name in (name for name, lidar in rig.lidars.items() if lidar.is_registered):
+    to_register = [name for name, lidar in rig.lidars.items() if lidar.is_registered]
+    sensors = dict[str, AdjustedSensor]()
+    if to_register:
+        _, sensors = adjust(first_cameras(rig, cameras), rig.constraints, calibrated, rig.lidars)
+    for name in to_register:
         start = inverse(sensors[name].pose) if name in sensors else rig.reference(FIRST_LIDAR, name)
         if start is None:
             notes[name] = f"{NOT_REGISTERED}: nothing that is trusted says where to start"

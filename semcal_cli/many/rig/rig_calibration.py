@@ -41,8 +41,18 @@ class RigCalibration:
     @property
     def first_cameras(self) -> dict[str, CalibrationDocument]:
         """Calibration of each camera with the first LiDAR that has one."""
-        further = {view for lidar in self.lidars for view in lidar.views.values()}
+        further = self.further_views
         return {name: calibration for name, calibration in self.cameras.items() if name not in further}
+
+    @property
+    def own_cameras(self) -> dict[str, RigPair]:
+        """Transform from the first LiDAR to each camera that has no calibration with it."""
+        return {pair.a: pair for lidar in self.lidars for pair in lidar.own_cameras}
+
+    @property
+    def further_views(self) -> dict[str, tuple[str, str]]:
+        """Camera and LiDAR of each result with a further LiDAR."""
+        return {view: (camera, lidar.name) for lidar in self.lidars for camera, view in lidar.views.items()}
 
     @property
     def contradictions(self) -> tuple[ComparedConstraint, ...]:
@@ -151,13 +161,12 @@ def describe_rig(
     """
     views = {name: _describe_camera(name, rig, files) for name in (*rig.failures, *rig.cameras)}
     lidars = {lidar.name: _describe_lidar(lidar, views) for lidar in rig.lidars}
-    further = {view for lidar in rig.lidars for view in lidar.views.values()}
     return {
         "semcal_rig_calibration": 1,
         "status": rig.status,
         "reasons": list(rig.reasons),
         "notes": list(rig.notes),
-        "cameras": {name: view for name, view in views.items() if name not in further},
+        "cameras": {name: view for name, view in views.items() if name not in rig.further_views},
         "pairs": [pair.describe() for pair in rig.pairs],
         **({"lidars": lidars} if lidars else {}),
         **(

@@ -134,7 +134,7 @@ def _sizes(drive: Drive, names: Iterable[str]) -> dict[Path, int]:
 def _are_of_one(
     files: Mapping[Path, int], others: Mapping[Path, int], key_of: Callable[[Path], Hashable]
 ) -> bool:
-    """Tell whether one of the files is also among others, or most of them are copies of these.
+    """Return whether one of the files is also among others, or most of them are copies of these.
 
     Args:
         files: Sizes of the files.

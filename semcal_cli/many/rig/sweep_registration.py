@@ -121,7 +121,7 @@ class NotRegistered(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Say it in words."""
+        """The numbers and causes in words."""
         causes = "".join(f"; {count} {cause}" for cause, count in self.left_out.items())
         total = counted(self.num_pairs + self.left_out.total(), "pair")
         return f"{self.num_pairs} of {total} of sweeps could be, needed {MIN_PAIRS}{causes}"
@@ -216,7 +216,7 @@ def robust_mean(values: Vectors) -> tuple[Numbers, Numbers]:
 
 
 def _register(pair: SweepPair, T_start: Pose) -> Pose | str:
-    """Register two sweeps, or say what is wrong with them."""
+    """Register two sweeps, or describe what is wrong with them."""
     import small_gicp
 
     T = T_start
@@ -270,7 +270,7 @@ def _keys(drive: Drive, frame: Frame) -> list[object]:
 
 
 def _doubt_of_moment(first: _Place, further: _Place) -> str | None:
-    """Say why two sweeps may be of different moments; None if they are of one, or if the rig stood still."""
+    """Describe why two sweeps may be of different moments; None if they are of one, or if the rig stood still."""
     drives, frames = zip(first, further, strict=True)
     if all(drive.motion is not None and drive.motion.speed_m_s == 0.0 for drive in drives):
         return None
