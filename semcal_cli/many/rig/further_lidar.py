@@ -11,7 +11,8 @@ import numpy as np
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.poses import inverse
-from semcal_cli.many.rig.adjustment import Adjustment, adjust
+from semcal_cli.many.rig.adjustment import adjust
+from semcal_cli.many.rig.adjustment_document import Adjustment
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR, Rig
 from semcal_cli.many.rig.rig_pair import Reference, RigPair, from_first_lidar
 from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor

@@ -11,7 +11,7 @@ import numpy as np
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.geometry.poses import inverse
-from semcal_cli.many.rig.adjustment import Adjustment, ComparedConstraint, LoopClosure
+from semcal_cli.many.rig.adjustment_document import Adjustment, ComparedConstraint, LoopClosure
 from semcal_cli.many.rig.further_lidar import LidarCalibration, first_cameras
 from semcal_cli.many.rig.rig_document import Rig
 from semcal_cli.many.rig.rig_pair import Reference, RigPair, make_pair

@@ -22,7 +22,7 @@ from semcal_cli.files.validation import (
     Version,
     validate,
 )
-from semcal_cli.many.rig.adjustment import Adjustment
+from semcal_cli.many.rig.adjustment_document import Adjustment
 from semcal_cli.many.rig.further_lidar import LidarCalibration, LidarStatus, reference_of
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine
 from semcal_cli.many.rig.rig_document import RESULT, Rig, view_name

@@ -271,11 +271,11 @@ def _keys(drive: Drive, frame: Frame) -> list[object]:
 
 def _doubt_of_moment(first: _Place, further: _Place) -> str | None:
     """Describe why two sweeps may be of different moments; None if they are of one, or if the rig stood still."""
-    drives, frames = zip(first, further, strict=True)
+    drives = [drive for drive, _ in (first, further)]
+    stamps = [frame.points_stamp for _, frame in (first, further) if frame.points_stamp is not None]
     if all(drive.motion is not None and drive.motion.speed_m_s == 0.0 for drive in drives):
         return None
-    stamps = [frame.points_stamp for frame in frames if frame.points_stamp is not None]
-    if len(stamps) == len(frames):
+    if len(stamps) == len(drives):
         is_same = abs(stamps[0] - stamps[1]) <= SAME_MOMENT_S
         return None if is_same else "are of different moments by their points_stamp"
     return None if all(drive.synchronization == "hardware" for drive in drives) else OF_UNKNOWN_MOMENTS
