@@ -99,10 +99,9 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         if rig.lidars:
             tied = "The LiDARs are not tied well"
             title = "Measurements of the rig contradict each other" if rig.contradictions else tied
-        unknown = listed(names["not_assessed"])
-        sentence = (
-            f"The accuracy of these is unknown: {unknown}." if unknown else "Each camera is trusted alone."
-        )
+        sentence = "Each camera is trusted alone."
+        if unknown := names["not_assessed"]:
+            sentence = f"The accuracy of these is unknown: {listed(unknown)}."
         return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(rig.doubts)))
     verb = "" if is_failed else "is " if len(worst) == 1 else "are "
     kind = "calibrations" if rig.lidars else "cameras"
