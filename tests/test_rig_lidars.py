@@ -646,6 +646,31 @@ def test_rigs_that_would_be_too_large_are_not_synthesized(tmp_path: Path) -> Non
     assert not (tmp_path / "rig").exists()
 
 
+def test_a_lidar_that_is_known_too_roughly_is_not_trusted(sure: CalibrationDocument) -> None:
+    rig, ties = chain_of_lidars(), LidarTies((), {}, {})
+    rough = with_pose(sure, np.eye(4), np.diag(np.repeat([0.01, np.radians(0.3)], 3) ** 2))
+    cameras = {name: rough for name in rig.views if name in ("c0", "c0_on_l1")}
+    further = Tie.of_calibration("c0", "l1", rough)
+    adjustment, sensors = adjust(first_cameras(rig, cameras), [], [further])
+    lidar = assess_lidar("l1", rig, {}, cameras, adjustment, sensors, ties)
+    # Two errors of 0.3 degrees, and the quantile of a normal distribution.
+    assert lidar.reasons == (
+        "T_lidar_l1 is known only to +- 2.8 cm, +- 0.83 degrees (95 %), needed +- 10 cm, +- 0.5 degrees: use more "
+        "frames, more cameras that see both LiDARs, or `register: true`",
+    )
+    assert (lidar.status, lidar.notes) == ("not_trusted", (UNCONFIRMED,))
+
+
+def test_errors_of_k_that_are_the_whole_covariance_leave_it_positive(sure: CalibrationDocument) -> None:
+    """Round-off may make the part by K the larger one."""
+    exact = by_intrinsics(sure, np.eye(4), np.zeros(4))
+    whole = 0.999 * OF_K @ OF_K.T + np.diag([0.0, 0.0, *SIGMA[2:4] ** 2, 0.0, 0.0])
+    narrow = exact.uncertainty.model_copy(update={"covariance": tuple(map(tuple, whole.tolist()))})
+    camera = exact.model_copy(update={"uncertainty": narrow})
+    adjustment, _ = adjust({"front": camera}, [], [Tie.of_calibration("front", "rear", camera)])
+    assert np.linalg.eigvalsh(adjustment.covariance).min() > 0.0
+
+
 def test_overlays_and_inspection_take_each_camera_with_each_lidar(
     lidars: Path, results: tuple[Result, Path], tmp_path: Path
 ) -> None:
