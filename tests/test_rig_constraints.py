@@ -201,7 +201,7 @@ def test_the_command_adjusts_the_cameras(rig: Path, tmp_path: Path) -> None:
         ({"covariance": [[1.0]]}, "a covariance of another size"),
         ({"covariance": np.diag([-1.0, *[1.0] * 11]).tolist()}, "a symmetric one with a positive diagonal"),
         ({"covariance": np.triu(np.ones((12, 12))).tolist()}, "a symmetric one with a positive diagonal"),
-        ({"cameras": [NAMES[0]] * 2}, "each camera once"),
+        ({"cameras": [NAMES[0]] * 2}, "each sensor once"),
         ({"cameras": ["a", "b"]}, "expected those of"),
     ):
         damaged = document | {"adjustment": document["adjustment"] | changes}

@@ -220,7 +220,14 @@ def colmap(settings: ColmapSettings) -> None:
     cameras = {
         name: RigCamera(record.pose, drives[name].camera) for name, record in result.first_cameras.items()
     }
-    notes = [f"{name}: left out, {error}" for name, error in result.failures.items()]
+    of_views = {name: camera for name, (camera, _) in result.further_views.items()}
+    lenses = {of_views.get(name, name): drive.camera for name, drive in drives.items()}
+    cameras |= {name: RigCamera(pair.T_a_b, lenses[name]) for name, pair in result.own_cameras.items()}
+    notes = [
+        f"{name}: left out, {error}"
+        for name, error in result.failures.items()
+        if of_views.get(name, name) not in cameras
+    ]
     if not cameras:
         raise InputError(f"{settings.results}: found no camera with a transform; {notes[0]}")
     reference = settings.reference or next(iter(cameras))
@@ -230,6 +237,11 @@ def colmap(settings: ColmapSettings) -> None:
         f"{name}: not trusted, see its reasons"
         for name, record in result.first_cameras.items()
         if record.status == "not_trusted"
+    ]
+    notes += [
+        f"{name}: not trusted, see those of its LiDAR"
+        for name, pair in result.own_cameras.items()
+        if pair.is_doubted
     ]
     write_bytes(rig_config(cameras, reference, notes.append), settings.output)
     terminal.print(*(line for note in notes for line in wrapped("note", note)))

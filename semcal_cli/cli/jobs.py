@@ -48,7 +48,7 @@ def calibrate_each(
     return calibrations, failures
 
 
-def failure_sentence(failures: dict[str, str], count: int) -> str:
-    """Describe how many cameras failed, and why the first one did."""
+def failure_sentence(failures: dict[str, str], count: int, *, of_lidars: bool) -> str:
+    """Describe how many cameras failed, or calibrations of them with several LiDARs, and why the first one did."""
     name, reason = next(iter(failures.items()))
-    return f"{len(failures)} of {count} cameras failed; {name}: {reason}"
+    return f"{len(failures)} of {count} {'calibrations' if of_lidars else 'cameras'} failed; {name}: {reason}"

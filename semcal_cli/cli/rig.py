@@ -24,7 +24,8 @@ from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.many.rig.adjustment import STAGE, adjust, adjusted_calibration
+from semcal_cli.many.rig.adjusted_calibration import STAGE, adjusted_calibration
+from semcal_cli.many.rig.adjustment import adjust
 from semcal_cli.many.rig.further_lidar import LidarCalibration, assess_lidar, first_cameras, measure_lidars
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
 from semcal_cli.many.rig.rig_document import RESULT, Rig
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.config import CalibrationConfig
     from semcal_cli.drive.document import Drive
+    from semcal_cli.many.rig.adjustment_document import Adjustment
     from semcal_cli.many.rig.rig_pair import RigPair
     from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor
 
@@ -100,18 +102,11 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     jobs = [Job(name, partial(run, name), outputs[name], settings.terminal()) for name in drives]
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
-        raise CalibrationError(failure_sentence(failures, len(drives)))
-    adjustment, lidars = None, tuple[LidarCalibration, ...]()
-    if rig.constraints or rig.lidars:
-        measured = measure_lidars(rig, cameras, drives, sweeps)
-        adjustment, sensors = adjust(first_cameras(rig, cameras), rig.constraints, measured.ties)
-        lidars = tuple(
-            assess_lidar(name, rig, drives, cameras, adjustment, sensors, measured) for name in rig.lidars
-        )
-        for name in first_cameras(rig, cameras):
-            if name in sensors and not np.array_equal(sensors[name].pose, cameras[name].pose):
-                cameras[name] = _moved(cameras[name], drives[name], sensors[name], config, sweeps)
-                write_calibration(cameras[name], folder / f"{name}.yaml")
+        raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
+    adjustment, lidars = _adjust(rig, drives, cameras, config, sweeps)
+    for name in cameras:
+        if STAGE in cameras[name].stages:
+            write_calibration(cameras[name], folder / f"{name}.yaml")
     result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different, adjustment, lidars)
     _write(result_of_rig, rig, drives, result, hashes)
     if settings.log is not None:
@@ -126,21 +121,55 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         terminal.print_paths("report", [page])
     _print_verdict(result_of_rig, terminal)
     if failures:
-        raise CalibrationError(failure_sentence(failures, len(drives)))
+        raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
     return exit_code(result_of_rig)
+
+
+def _adjust(
+    rig: Rig,
+    drives: Mapping[str, Drive],
+    cameras: dict[str, CalibrationDocument],
+    config: CalibrationConfig,
+    sweeps: SweepCache,
+) -> tuple[Adjustment | None, tuple[LidarCalibration, ...]]:
+    """Make one estimate of all sensors, and replace the calibrations with the first LiDAR that it moves.
+
+    Args:
+        rig: The rig.
+        drives: Drive of each camera with each LiDAR.
+        cameras: Calibration of each that has one.
+        config: Settings of the calibrations.
+        sweeps: Sweeps that were read before.
+
+    Returns:
+        What the sensors say together, None without constraints and further LiDARs; and the further LiDARs.
+    """
+    if not rig.constraints and not rig.lidars:
+        return None, ()
+    measured = measure_lidars(rig, cameras, drives, sweeps)
+    first, by = first_cameras(rig, cameras), "the other measurements" if rig.lidars else "constraints"
+    adjustment, sensors = adjust(first, rig.constraints, measured.ties, rig.lidars)
+    lidars = tuple(
+        assess_lidar(name, rig, drives, cameras, adjustment, sensors, measured) for name in rig.lidars
+    )
+    for name in first:
+        if name in sensors and not np.array_equal(sensors[name].pose, cameras[name].pose):
+            cameras[name] = _moved(cameras[name], drives[name], sensors[name], by, config, sweeps)
+    return adjustment, lidars
 
 
 def _moved(
     calibration: CalibrationDocument,
     drive: Drive,
     sensor: AdjustedSensor,
+    by: str,
     config: CalibrationConfig,
     sweeps: SweepCache,
 ) -> CalibrationDocument:
-    """Return the calibration of a camera at its adjusted pose."""
+    """Return the calibration of a camera at its adjusted pose, with a note that says what moved it."""
     data = load(calibration.applied_to(drive), config, sweeps=sweeps).unrolled(sensor.pose)
     seen = Skew.undone(data.observations, data.drive, sensor.pose, calibration.deskewed_m_s)
-    return adjusted_calibration(calibration, seen, sensor.pose, sensor.uncertainty)
+    return adjusted_calibration(calibration, seen, sensor, by)
 
 
 def _choose_starts(
@@ -243,8 +272,7 @@ def _pair_lines(pair: RigPair) -> list[str]:
 
 def _lidar_lines(lidar: LidarCalibration) -> list[str]:
     """Describe a further LiDAR, its verdict first."""
-    how_sure = f": {lidar.verdict}" if lidar.status == "trusted" else ""
-    lines = wrapped(f"LiDAR {lidar.name}", f"{lidar.status.replace('_', ' ')}{how_sure}")
+    lines = wrapped(f"LiDAR {lidar.name}", f"{lidar.status.replace('_', ' ')}: {lidar.verdict}")
     if (registration := lidar.registration) is not None:
         left_out = f", {registration.num_left_out} left out" if registration.num_left_out else ""
         lines += wrapped("registered", f"{counted(registration.num_pairs, 'pair')} of sweeps{left_out}")

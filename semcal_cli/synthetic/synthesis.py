@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import core
+from semcal_cli.config.file_limits import MAX_CAMERAS
 from semcal_cli.config.synthetic import SYNTH_MIN_BASELINE_M, SynthConfig, SynthLens
 from semcal_cli.drive.camera import Camera, CameraModel, core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
@@ -172,6 +173,11 @@ def synthesize_rig(
     check_motion(config)
     if num_lidars > 1 and config.motion != "none":
         raise InputError(f"--lidars: found {num_lidars} and --motion {config.motion}, expected --motion none")
+    if num_cameras * (num_lidars - 1) > MAX_CAMERAS:
+        raise InputError(
+            f"--lidars: found {num_lidars} and --cameras {num_cameras}, expected at most {MAX_CAMERAS} drives with "
+            "further LiDARs"
+        )
     _check_empty(out, force)
     with name_folder_in_errors(out):
         (out / RIG_FILE).unlink(missing_ok=True)

@@ -5,7 +5,7 @@
 Synthetic rigs, each with another world and other mountings, 20 % wrong labels on both sides. Each camera is calibrated
 with each LiDAR, and the sweeps of both are registered from where the cameras place them. Prints a Markdown table: the
 errors of T_lidar_lidar by each, how often 95 % intervals hold the truth, and how often a measurement of a further LiDAR
-that is two degrees off is the one that is named.
+that is two degrees off is the one that is named. K is exact, unless `--k-sigmas` draws that of each camera.
 """
 
 from __future__ import annotations
@@ -19,6 +19,10 @@ import numpy as np
 from benchmark import SEMCAL, run_process, script, table
 
 from semcal_cli.config.synthetic import SynthConfig
+from semcal_cli.drive.camera import K_ENTRIES, default_sigma
+from semcal_cli.drive.document import read_drive
+from semcal_cli.files.documents import document_text, read_document
+from semcal_cli.files.output_files import write_text
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import pose_at
@@ -68,14 +72,20 @@ class Errors:
 
 
 def main(
-    *, seeds: int = 12, first_seed: int = 64_000, cameras: int = 2, frames: int = 6, width: int = 1280
+    *,
+    seeds: int = 12,
+    first_seed: int = 64_000,
+    cameras: int = 2,
+    frames: int = 6,
+    width: int = 1280,
+    k_sigmas: float = 0.0,
 ) -> Iterator[str]:
     """Calibrate each rig, and place its second LiDAR."""
     config = SynthConfig(num_frames=frames, width=width, height=width * 9 // 16, label_noise=0.2)
     errors = {name: Errors() for name in WAYS}
     for seed in range(first_seed, first_seed + seeds):
         with TemporaryDirectory() as folder:
-            rig, calibrations, ties = _measure(replace(config, seed=seed), cameras, Path(folder))
+            rig, calibrations, ties = _measure(replace(config, seed=seed), cameras, Path(folder), k_sigmas)
         truth = rig.reference(FIRST_LIDAR, LIDAR)
         assert truth is not None
         direct = first_cameras(rig, calibrations)
@@ -89,11 +99,13 @@ def main(
 
 
 def _measure(
-    config: SynthConfig, num_cameras: int, folder: Path
+    config: SynthConfig, num_cameras: int, folder: Path, k_sigmas: float
 ) -> tuple[Rig, dict[str, CalibrationDocument], Sequence[Tie]]:
     """Calibrate each camera of a rig with each LiDAR alone, and register the sweeps."""
     synthesize_rig(config, num_cameras, folder, force=True, num_lidars=2)
     rig = read_rig(folder / "rig.yaml")
+    if k_sigmas > 0.0:
+        _spoil_k(rig, k_sigmas, np.random.default_rng(config.seed))
     registered = {
         name: lidar.model_copy(update={"is_registered": True}) for name, lidar in rig.lidars.items()
     }
@@ -105,6 +117,19 @@ def _measure(
     calibrations = {name: read_calibration(file) for name, file in files.items() if file.exists()}
     measured = measure_lidars(rig.model_copy(update={"lidars": registered}), calibrations, rig.read_drives())
     return rig, calibrations, measured.ties
+
+
+def _spoil_k(rig: Rig, sigmas: float, rng: np.random.Generator) -> None:
+    """Draw the K that the drives of each camera state, which then has the default standard deviations."""
+    drawn = {camera: sigmas * rng.standard_normal(len(K_ENTRIES)) for camera in rig.all_cameras}
+    for view in rig.views.values():
+        file = rig.path.parent / view.drive / "drive.yaml"
+        document = read_document(file)
+        sigma = default_sigma(read_drive(file).camera)
+        for error, (name, (row, column)) in zip(drawn[view.camera], K_ENTRIES.items(), strict=True):
+            document["camera"]["K"][row][column] += float(error * getattr(sigma, name))
+        del document["camera"]["intrinsics_sigma"]
+        write_text(document_text(document, "yaml"), file)
 
 
 def _add(errors: Errors, direct: Mapping[str, CalibrationDocument], ties: Sequence[Tie], truth: Pose) -> None:

@@ -9,15 +9,15 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import counted
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.poses import inverse
-from semcal_cli.many.rig.adjustment import Adjustment, adjust
+from semcal_cli.many.rig.adjustment import adjust
+from semcal_cli.many.rig.adjustment_document import Adjustment
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR, Rig
 from semcal_cli.many.rig.rig_pair import Reference, RigPair, from_first_lidar
 from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor
 from semcal_cli.many.rig.sweep_registration import (
-    MIN_PAIRS,
+    NotRegistered,
     Registration,
     read_sweep_pairs,
     register_sweeps,
@@ -27,6 +27,7 @@ from semcal_cli.readable import lengths
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.uncertainty import widest
 
+UNCONFIRMED = "no loop confirms its transform: a single measurement is all that ties it to the first LiDAR"
 NOT_REGISTERED = "its sweeps were not registered"
 LidarStatus: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
 MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG = 0.1, 0.5
@@ -50,7 +51,7 @@ class LidarCalibration:
     pair: RigPair | None = None
     """Transform T_lidar_further; None if nothing that is trusted ties the LiDAR to the first one."""
     own_cameras: tuple[RigPair, ...] = ()
-    """Transforms T_camera_lidar from the first LiDAR to the cameras that only further LiDARs see."""
+    """Transforms T_camera_lidar from the first LiDAR to the cameras that have no calibration with it."""
     registration: Registration | None = None
     """Registration of its sweeps with those of the first LiDAR, if there is one."""
 
@@ -95,21 +96,22 @@ def measure_lidars(
     views = {name: view for name, view in rig.views.items() if view.lidar != FIRST_LIDAR and name in cameras}
     ties = [Tie.of_calibration(view.camera, view.lidar, cameras[name]) for name, view in views.items()]
     calibrated = tuple(tie for tie in ties if tie is not None)
-    _, sensors = adjust(first_cameras(rig, cameras), rig.constraints, calibrated)
     registrations, notes = dict[str, Registration](), dict[str, str]()
-    for name in (name for name, lidar in rig.lidars.items() if lidar.is_registered):
+    to_register = [name for name, lidar in rig.lidars.items() if lidar.is_registered]
+    sensors = dict[str, AdjustedSensor]()
+    if to_register:
+        _, sensors = adjust(first_cameras(rig, cameras), rig.constraints, calibrated, rig.lidars)
+    for name in to_register:
         start = inverse(sensors[name].pose) if name in sensors else rig.reference(FIRST_LIDAR, name)
         if start is None:
             notes[name] = f"{NOT_REGISTERED}: nothing that is trusted says where to start"
             continue
         pairs = read_sweep_pairs(_drives_of(FIRST_LIDAR, rig, drives), _drives_of(name, rig, drives), sweeps)
-        if (registration := register_sweeps(pairs, start)) is not None:
-            registrations[name] = registration
+        registration = register_sweeps(pairs, start)
+        if isinstance(registration, NotRegistered):
+            notes[name] = f"{NOT_REGISTERED}: {registration.reason}"
         else:
-            notes[name] = (
-                f"{NOT_REGISTERED}: fewer than {MIN_PAIRS} of {counted(len(pairs), 'pair')} of one moment overlap "
-                "enough"
-            )
+            registrations[name] = registration
     registered = (registration.tie(name) for name, registration in registrations.items())
     # Registrations come first, so that each camera closes a loop of its own.
     return LidarTies((*registered, *calibrated), registrations, notes)
@@ -156,11 +158,11 @@ def assess_lidar(
             tuple(notes),
         )
     pair = from_first_lidar(name, sensors[name], reference_of(name, views, rig, drives))
-    contradictions = [each.reason for each in adjustment.contradictions if name in (each.to, each.source)]
-    reasons = (*_width(pair), *contradictions)
-    if not any(name in loop.sensors for loop in adjustment.loops):
-        notes.append("no loop confirms its transform, since a single tie leads to it")
-    own = [camera for camera in views if camera in sensors and camera not in rig.cameras]
+    reasons = (*_width(pair), *(each.reason for each in adjustment.contradictions_of(name)))
+    if name in adjustment.unconfirmed:
+        notes.append(UNCONFIRMED)
+    own = [camera for camera in views if camera in sensors and camera not in cameras]
+    doubted = {camera for camera in own if reasons or camera in adjustment.doubted}
     return LidarCalibration(
         name,
         views,
@@ -168,7 +170,7 @@ def assess_lidar(
         reasons,
         tuple(notes),
         replace(pair, is_doubted=bool(reasons)),
-        tuple(RigPair(camera, FIRST_LIDAR, *sensors[camera], None, bool(reasons)) for camera in own),
+        tuple(RigPair(camera, FIRST_LIDAR, *sensors[camera], None, camera in doubted) for camera in own),
         measured.registrations.get(name),
     )
 

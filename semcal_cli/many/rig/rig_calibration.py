@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.geometry.poses import inverse
-from semcal_cli.many.rig.adjustment import Adjustment, ComparedConstraint, LoopClosure
+from semcal_cli.many.rig.adjustment_document import Adjustment, ComparedConstraint, LoopClosure
 from semcal_cli.many.rig.further_lidar import LidarCalibration, first_cameras
 from semcal_cli.many.rig.rig_document import Rig
 from semcal_cli.many.rig.rig_pair import Reference, RigPair, make_pair
@@ -41,8 +41,18 @@ class RigCalibration:
     @property
     def first_cameras(self) -> dict[str, CalibrationDocument]:
         """Calibration of each camera with the first LiDAR that has one."""
-        further = {view for lidar in self.lidars for view in lidar.views.values()}
+        further = self.further_views
         return {name: calibration for name, calibration in self.cameras.items() if name not in further}
+
+    @property
+    def own_cameras(self) -> dict[str, RigPair]:
+        """Transform from the first LiDAR to each camera that has no calibration with it."""
+        return {pair.a: pair for lidar in self.lidars for pair in lidar.own_cameras}
+
+    @property
+    def further_views(self) -> dict[str, tuple[str, str]]:
+        """Camera and LiDAR of each result with a further LiDAR."""
+        return {view: (camera, lidar.name) for lidar in self.lidars for camera, view in lidar.views.items()}
 
     @property
     def contradictions(self) -> tuple[ComparedConstraint, ...]:
@@ -124,7 +134,7 @@ def combine(
         adjustment: What all sensors and ties say together, which the calibrations follow already.
         lidars: The further LiDARs.
     """
-    pairs = []
+    pairs, doubted = [], () if adjustment is None else adjustment.doubted
     for a, b in combinations(first_cameras(rig, cameras), 2):
         reference, T_a, T_b = None, drives[a].T_camera_lidar, drives[b].T_camera_lidar
         if (T_a_b := rig.reference(a, b)) is not None:
@@ -132,7 +142,9 @@ def combine(
         elif T_a is not None and T_b is not None:
             reference = Reference(np.array(T_a) @ inverse(np.array(T_b)), "T_camera_lidar of both drives")
         of_both = None if adjustment is None else adjustment.covariance_of(a, b)
-        pairs.append(make_pair(a, cameras[a], b, cameras[b], reference, of_both))
+        pair = make_pair(a, cameras[a], b, cameras[b], reference, of_both)
+        is_doubted = pair.is_doubted or not {a, b}.isdisjoint(doubted)
+        pairs.append(replace(pair, is_doubted=is_doubted))
     return RigCalibration(cameras, failures, tuple(pairs), num_sweeps, adjustment, lidars)
 
 
@@ -149,13 +161,12 @@ def describe_rig(
     """
     views = {name: _describe_camera(name, rig, files) for name in (*rig.failures, *rig.cameras)}
     lidars = {lidar.name: _describe_lidar(lidar, views) for lidar in rig.lidars}
-    further = {view for lidar in rig.lidars for view in lidar.views.values()}
     return {
         "semcal_rig_calibration": 1,
         "status": rig.status,
         "reasons": list(rig.reasons),
         "notes": list(rig.notes),
-        "cameras": {name: view for name, view in views.items() if name not in further},
+        "cameras": {name: view for name, view in views.items() if name not in rig.further_views},
         "pairs": [pair.describe() for pair in rig.pairs],
         **({"lidars": lidars} if lidars else {}),
         **(

@@ -20,7 +20,12 @@ from semcal_cli.files.input_files import is_folder, read_bytes
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, length, validate
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.geometry.poses import inverse, nearest_rigid
-from semcal_cli.many.rig.shared_clouds import check_cameras, check_distinct_drives, check_one_lidar
+from semcal_cli.many.rig.shared_clouds import (
+    check_cameras,
+    check_distinct_drives,
+    check_lidars,
+    check_one_lidar,
+)
 
 RESULT = "rig_calibration"
 """Name of the result of the whole rig, next to the results of its cameras."""
@@ -132,6 +137,8 @@ class Rig(StrictModel):
         further = [view_name(camera, name) for name, lidar in self.lidars.items() for camera in lidar.cameras]
         if len(further) > MAX_CAMERAS:
             raise ValueError(f"lidars: {mismatch(f'{len(further)} drives', f'at most {MAX_CAMERAS}')}")
+        if self.constraints and not self.lidars and FIRST_LIDAR in self.cameras:
+            raise ValueError(f"cameras: {mismatch(repr(FIRST_LIDAR), 'another name beside `constraints`')}")
         try:
             _check_cases([*self.sensors, *further])
         except ValueError as error:
@@ -212,7 +219,8 @@ class Rig(StrictModel):
 
         Raises:
             InputError: a drive is wrong, two cameras have the same drive, two drives of one LiDAR describe different
-                ones or share no clouds, or two drives of one camera describe different ones.
+                ones or share no clouds, two drives of one camera describe different ones, or a drive has the sweeps of
+                another LiDAR or the images of another camera.
         """
         folder, views = self._path.parent, self.views
         drives = {name: read_drive(folder / view.drive, max_points) for name, view in views.items()}
@@ -223,6 +231,9 @@ class Rig(StrictModel):
             key = "cameras" if lidar == FIRST_LIDAR else f"lidars.{lidar}.cameras"
             check_one_lidar(f"{self._path}: {key}", own, constrained)
         check_cameras(self._path, {name: (view.camera, drives[name]) for name, view in views.items()})
+        if self.lidars:
+            of_views = {name: (view.camera, view.lidar, drives[name]) for name, view in views.items()}
+            check_lidars(self._path, of_views)
         return drives
 
     def reference(self, to: str, other: str) -> Pose | None:

@@ -95,9 +95,13 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} {of_them} are trusted.", sure)
     worst, is_failed = names[rig.status], rig.status == "failed"
     if not worst:
-        title, sentence = "The cameras contradict a constraint", "Each camera is trusted alone."
+        title = "The cameras contradict a constraint"
         if rig.lidars:
-            title, sentence = "The LiDARs are not tied well", "Each camera is trusted alone."
+            tied = "The LiDARs are not tied well"
+            title = "Measurements of the rig contradict each other" if rig.contradictions else tied
+        sentence = "Each camera is trusted alone."
+        if unknown := names["not_assessed"]:
+            sentence = f"The accuracy of these is unknown: {listed(unknown)}."
         return PageVerdict(rig.status, title, sentence, reasons=tuple(link_reasons(rig.doubts)))
     verb = "" if is_failed else "is " if len(worst) == 1 else "are "
     kind = "calibrations" if rig.lidars else "cameras"

@@ -22,7 +22,7 @@ from semcal_cli.files.validation import (
     Version,
     validate,
 )
-from semcal_cli.many.rig.adjustment import Adjustment
+from semcal_cli.many.rig.adjustment_document import Adjustment
 from semcal_cli.many.rig.further_lidar import LidarCalibration, LidarStatus, reference_of
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine
 from semcal_cli.many.rig.rig_document import RESULT, Rig, view_name
@@ -85,12 +85,15 @@ class LidarResult(StrictModel):
     cameras: dict[str, CameraResult]
     """Result of each camera with this LiDAR, whose `T_camera_lidar` is that of this LiDAR."""
     own_cameras: list[PairResult]
-    """Transforms from the first LiDAR, b, to the cameras, a, that do not see its points."""
+    """Transforms from the first LiDAR, b, to the cameras, a, that have no calibration with it."""
     registration: Registration | None
     """Registration of its sweeps with those of the first LiDAR; null without one."""
 
-    def calibration(self, name: str, rig: Rig, drives: Mapping[str, Drive]) -> LidarCalibration:
+    def calibration(
+        self, name: str, rig: Rig, drives: Mapping[str, Drive], adjustment: Adjustment | None
+    ) -> LidarCalibration:
         """Return what the document says of the LiDAR, compared with the reference of the rig or the drives."""
+        doubted = () if adjustment is None else adjustment.doubted
         views, is_doubted = (
             {camera: view_name(camera, name) for camera in self.cameras},
             self.status == "not_trusted",
@@ -103,7 +106,9 @@ class LidarResult(StrictModel):
             tuple(self.reasons),
             tuple(self.notes),
             None if self.pair is None else self.pair.pair(reference, is_doubted=is_doubted),
-            tuple(camera.pair(None, is_doubted=is_doubted) for camera in self.own_cameras),
+            tuple(
+                camera.pair(None, is_doubted=is_doubted or camera.a in doubted) for camera in self.own_cameras
+            ),
             self.registration,
         )
 
@@ -214,5 +219,7 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
             raise InputError(
                 f"{file}: found a T_camera_lidar that differs from that in {path}, expected files of one run"
             )
-    lidars = tuple(lidar.calibration(name, rig, drives) for name, lidar in result.lidars.items())
+    lidars = tuple(
+        lidar.calibration(name, rig, drives, result.adjustment) for name, lidar in result.lidars.items()
+    )
     return combine(rig, drives, cameras, failures, result.num_sweeps, result.adjustment, lidars)

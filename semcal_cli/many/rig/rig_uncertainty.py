@@ -5,11 +5,6 @@ which cameras of one LiDAR share to an unknown degree. The covariance of a sum o
 at most sum C_c / w_c with any weights that sum to one (the bound of covariance intersection: Julier and Uhlmann, *A
 non-divergent estimation algorithm in the presence of unknown correlations*, ACC 1997); it is smallest in proportion to
 the sizes of the errors.
-
-Calibrations of one camera with several LiDARs share its intrinsics: the twists J_t k that errors k of these cause in
-each tie t, with gain G_t, add to (sum G_t J_t) (sum G_t J_t)^T. That they do not average out widens the interval of the
-camera, and that they cancel for the most part narrows that of the transform between the LiDARs. The gain itself, and
-the comparison of ties, take them as independent.
 """
 
 from __future__ import annotations
@@ -41,35 +36,8 @@ class AdjustedSensor(NamedTuple):
 
 
 def joint_covariance(estimate: RigEstimate) -> Matrix:
-    """Compute the covariance (6 n, 6 n) of all sensors, with the errors of intrinsics that ties share."""
-    return _with_shared(estimate.covariance, estimate, slice(None))
-
-
-def _with_shared(covariance: Matrix, estimate: RigEstimate, place: slice) -> Matrix:
-    """Correct a covariance, in which ties are independent, for the errors of intrinsics that they share.
-
-    Args:
-        covariance: (k, k) covariance, or its part by intrinsics.
-        estimate: The estimate.
-        place: Rows of the k components.
-    """
-    for camera in dict.fromkeys(source.to for source in estimate.sources):
-        if len(twists := _by_intrinsics(camera, estimate, place)) > 1:
-            together = np.sum(twists, axis=0)
-            alone = np.sum([twist @ twist.T for twist in twists], axis=0)
-            covariance = covariance + together @ together.T - alone
-    return covariance
-
-
-def _by_intrinsics(camera: str, estimate: RigEstimate, place: slice) -> list[Matrix]:
-    """Return the twists (k, 4) by errors of the intrinsics of a camera, for each of its ties."""
-    return [
-        estimate.gain[place, estimate.source_place(source)] @ np.array(source.uncertainty.twist_by_intrinsics)
-        for source in estimate.sources
-        if source.to == camera
-        and source.uncertainty is not None
-        and source.uncertainty.twist_by_intrinsics is not None
-    ]
+    """Return the covariance (6 n, 6 n) of all sensors."""
+    return estimate.covariance[estimate.place_of_poses, estimate.place_of_poses]
 
 
 def adjusted_sensor(name: str, estimate: RigEstimate) -> AdjustedSensor:
@@ -81,31 +49,45 @@ def adjusted_sensor(name: str, estimate: RigEstimate) -> AdjustedSensor:
     gains = {source: estimate.gain[place, estimate.source_place(source)] for source in estimate.sources}
     own = next((source for source in estimate.sources if source.ends == (name, FIRST_LIDAR)), None)
     alone = estimate.covariance[place, place] if own is None else own.covariance
-    parts = {source: _carried(gain, source.covariance) for source, gain in gains.items()}
+    parts = {source: _carried(gain, estimate.own_covariance(source)) for source, gain in gains.items()}
     weights = _weights(parts, np.diag(alone))
-    covariance = estimate.of_constraints[place, place].copy()
-    of_intrinsics, spread = np.zeros_like(covariance), np.zeros(NUM_AXES)
+    of_K = estimate.gain[place, estimate.place_of_intrinsics]
+    of_intrinsics, spread = of_K @ of_K.T, np.zeros(NUM_AXES)
+    covariance = estimate.of_constraints[place, place] + of_intrinsics
     for source, weight in weights.items():
-        assert source.uncertainty is not None
         covariance += parts[source] / weight
-        variances = gains[source] ** 2 * np.diag(source.covariance)
-        # Satterthwaite's degrees of freedom of a sum; constraints have infinitely many.
-        of_axes = np.array(source.uncertainty.degrees_of_freedom)
-        degrees = variances @ of_axes / np.maximum(variances.sum(axis=1), TINY)
+        variances = gains[source] ** 2 * np.diag(estimate.own_covariance(source))
+        # Satterthwaite's degrees of freedom of a sum; constraints and errors of intrinsics have infinitely many.
+        degrees = variances @ estimate.own_degrees(source) / np.maximum(variances.sum(axis=1), TINY)
         spread += (np.diag(parts[source]) / weight) ** 2 / np.maximum(degrees, 1.0)
-        if (by_intrinsics := source.uncertainty.covariance_of_intrinsics) is not None:
-            of_intrinsics += _carried(gains[source], by_intrinsics) / weight
-    covariance = _with_shared(covariance, estimate, place)
-    of_intrinsics = _with_shared(of_intrinsics, estimate, place)
+        of_intrinsics += _carried(gains[source], _own_of_intrinsics(source, estimate)) / weight
     freedom = np.clip(np.diag(covariance) ** 2 / np.maximum(spread, TINY), 1.0, MANY)
     adjusted = Uncertainty.from_covariance(pose, symmetric(covariance), freedom)
-    of_K = rows(of_intrinsics) if of_intrinsics.any() else None
-    kept: dict[str, object] = {"covariance_of_intrinsics": of_K}
+    kept: dict[str, object] = {
+        "covariance_of_intrinsics": rows(of_intrinsics) if of_intrinsics.any() else None
+    }
     if own is not None and own.uncertainty is not None:
         kept |= {part: getattr(own.uncertainty, part) for part in ("label_bleed", "intrinsics_cost")}
-        twists = _by_intrinsics(name, estimate, place)
-        kept |= {"twist_by_intrinsics": rows(np.sum(twists, axis=0))} if twists else {}
+        twist = _twist_by_intrinsics(name, own, estimate)
+        kept |= {} if twist is None else {"twist_by_intrinsics": rows(twist)}
     return AdjustedSensor(pose, adjusted.model_copy(update=kept))
+
+
+def _own_of_intrinsics(source: Tie, estimate: RigEstimate) -> Matrix:
+    """Return the part (6, 6) of the own covariance of a tie by errors of intrinsics."""
+    part = None if source.uncertainty is None else source.uncertainty.covariance_of_intrinsics
+    if part is None or estimate.slope_of_intrinsics(source) is not None:
+        return np.zeros((NUM_AXES, NUM_AXES))
+    return np.array(part)
+
+
+def _twist_by_intrinsics(camera: str, own: Tie, estimate: RigEstimate) -> Matrix | None:
+    """Return the twist (6, 4) of a camera by errors of its intrinsics, given its calibration with the first LiDAR."""
+    place = estimate.place(camera)
+    if estimate.slope_of_intrinsics(own) is not None:
+        return estimate.gain[place, estimate.intrinsics_place(camera)]
+    twist = None if own.uncertainty is None else own.uncertainty.twist_by_intrinsics
+    return None if twist is None else estimate.gain[place, estimate.source_place(own)] @ np.array(twist)
 
 
 def _weights(parts: Mapping[Tie, Matrix], variances: Numbers) -> dict[Tie, float]:

@@ -1,11 +1,15 @@
-"""Whether the drives of a rig belong together: those of one LiDAR share clouds, those of one camera its intrinsics."""
+"""Whether the drives of a rig belong together: those of one LiDAR share clouds, those of one camera its intrinsics.
+
+Sweeps of one LiDAR are none of another one, and images of one camera none of another one.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from functools import cache
 from hashlib import sha256
-from itertools import chain, pairwise
+from itertools import chain, combinations, pairwise
 from pathlib import Path
 from typing import TypeAlias
 
@@ -30,7 +34,7 @@ def check_distinct_drives(rig: Path, drives: Mapping[str, Drive]) -> None:
         owner = owners.setdefault(drive.path.resolve(), name)
         if owner != name:
             raise InputError(
-                f"{rig}: cameras: found {drive.path} for {owner!r} and {name!r}, expected a drive for each"
+                f"{rig}: found the drive {drive.path} for {owner!r} and {name!r}, expected a drive for each"
             )
 
 
@@ -87,6 +91,62 @@ def check_cameras(rig: Path, views: Mapping[str, tuple[str, Drive]]) -> None:
                 f"{rig}: lidars: found different `camera` blocks in the drives of {other!r} and {name!r}, "
                 "expected the same camera"
             )
+
+
+def check_lidars(rig: Path, views: Mapping[str, tuple[str, str, Drive]]) -> None:
+    """Check that the drives of each LiDAR have sweeps of its own, and those of each camera its own images.
+
+    Args:
+        rig: File of the rig.
+        views: Camera, LiDAR and drive of each result, those of the first LiDAR first.
+
+    Raises:
+        InputError: a drive has the sweeps of another LiDAR or the images of another camera.
+    """
+    clouds = {
+        name: _sizes(drive, (frame.points for frame in drive.frames)) for name, (*_, drive) in views.items()
+    }
+    images = {
+        name: _sizes(drive, (frame.image for frame in drive.frames if frame.image is not None))
+        for name, (*_, drive) in views.items()
+    }
+    key_of = cache(_content_key)
+    for (other, (its_camera, its_lidar, _)), (name, (camera, lidar, _)) in combinations(views.items(), 2):
+        if lidar == its_lidar:
+            continue
+        if _are_of_one(clouds[name], clouds[other], key_of):
+            raise InputError(
+                f"{rig}: lidars.{lidar}.cameras: found clouds of {its_lidar!r} in the drive of {camera!r}, expected "
+                "sweeps of another LiDAR"
+            )
+        if camera != its_camera and _are_of_one(images[name], images[other], key_of):
+            raise InputError(
+                f"{rig}: lidars.{lidar}.cameras.{camera}: found images of {its_camera!r}, expected those of {camera!r}"
+            )
+
+
+def _sizes(drive: Drive, names: Iterable[str]) -> dict[Path, int]:
+    """Return the sizes, in bytes, of the files of a drive that can be read."""
+    paths = {cloud_path(drive, name) for name in names}
+    return {path: path.stat().st_size for path in paths if os.access(path, os.R_OK) and path.is_file()}
+
+
+def _are_of_one(
+    files: Mapping[Path, int], others: Mapping[Path, int], key_of: Callable[[Path], Hashable]
+) -> bool:
+    """Return whether one of the files is also among others, or most of them are copies of these.
+
+    Args:
+        files: Sizes of the files.
+        others: Sizes of the others.
+        key_of: Identifies the content of a file.
+    """
+    if not files.keys().isdisjoint(others):
+        return True
+    sizes = {*files.values()}.intersection(others.values())
+    of_others = {key_of(path) for path, size in others.items() if size in sizes}
+    copies = [path for path, size in files.items() if size in sizes and key_of(path) in of_others]
+    return len(copies) > len(files) / 2
 
 
 def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:

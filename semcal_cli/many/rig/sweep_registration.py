@@ -3,25 +3,27 @@
 Each pair of sweeps of one moment is registered by itself with small_gicp (Koide, *small_gicp: Efficient and parallel
 algorithms for point cloud registration*, JOSS 2024). What the pairs say together is their robust mean, by weights of
 Student's t, and its covariance is that of their scatter: the Hessian of a registration takes thousands of neighbouring
-points as independent, and is far too confident. Sweeps are registered as they were recorded: what moves during a sweep
-is not deskewed, so that drives at a standstill say most.
+points as independent, and is far too confident. It only tells whether the scene holds the pose in all directions: in a
+tunnel, all pairs stay where they started. Sweeps are registered as they were recorded: what moves during a sweep is not
+deskewed, so that drives at a standstill say most.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import Field
 
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.errors import check_installed
+from semcal_cli.errors import check_installed, counted
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.files.validation import Count, StatedTransform, StrictModel, Width, Widths, length
-from semcal_cli.geometry.arrays import Numbers, Points, Pose, Vectors
+from semcal_cli.geometry.arrays import Matrix, Numbers, Points, Pose, Vectors
 from semcal_cli.geometry.poses import orthonormal
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR
@@ -33,8 +35,10 @@ from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.observations.reading import read_clouds
 from semcal_cli.result.uncertainty import Uncertainty
 
-MAX_PAIRS, MIN_PAIRS = 30, 3
-"""Largest number of pairs of sweeps that are registered, and smallest one that has a scatter worth its name."""
+MAX_PAIRS, MIN_PAIRS = 30, 5
+"""Largest number of pairs of sweeps that are registered, and smallest number whose scatter is meaningful."""
+SAME_MOMENT_S = 1e-3
+"""Largest difference of the stamps of two sweeps of one moment, in seconds: 3 cm at 30 m/s."""
 RANGES_M = 1.5, 80.0
 """Ranges of the points that are registered: nearer ones may lie on the vehicle itself."""
 STEPS_M = (0.5, 2.0), (0.2, 0.5)
@@ -46,9 +50,20 @@ MIN_OVERLAP = 0.3
 MAX_JUMP_M, MAX_JUMP_DEG = 0.5, 5.0
 """Farthest that a registration may lead from its start. Its start, from cameras, is nearer by far, unless one is wrong
 by degrees, which the registration is to show."""
+MIN_STIFFNESS = np.repeat([5.0, 2.0], 3)
+"""Smallest stiffness against shifts and turns, where a surface counts about 500 along its normal and 0.5 across it, so
+that 1 % of the points have to face every direction. Synthetic tunnels and round rooms have 0.6, and the ground of
+sweeps of KITTI, KITTI-360 and nuScenes up to 1.7 against shifts; streets of these have at least 6.9 and 4.4, and roads
+through fields 3.1, which is left out."""
 FLOOR_M, FLOOR_DEG = 0.002, 0.01
 """Smallest standard error of the mean: what all pairs of sweeps have in common, such as the pattern of the scan, does
 not show in their scatter."""
+OF_UNKNOWN_MOMENTS = (
+    "may be of different moments: state points_stamp, `synchronization: hardware` if one signal triggers all, or "
+    "`motion: {speed_m_s: 0}` if the rig stood"
+)
+_Place: TypeAlias = tuple[Drive, Frame]
+"""A frame with its drive."""
 TAIL = 4.0
 """Degrees of freedom of Student's t for the scatter of pairs."""
 NUM_ROUNDS = 20
@@ -63,7 +78,7 @@ class Registration(StrictModel):
     num_pairs: Annotated[int, Field(ge=MIN_PAIRS)]
     """Number of pairs of sweeps that were used."""
     num_left_out: Count
-    """Number of pairs whose registration failed, overlapped too little or jumped."""
+    """Number of pairs that were left out: of other moments, or whose registration cannot be relied on."""
     sigma_m: Widths
     """Standard errors of the position along the axes of the first LiDAR, in metres."""
     sigma_deg: Widths
@@ -90,6 +105,30 @@ class SweepPair(NamedTuple):
     """(M, 3) metres, in the frame of the further one."""
 
 
+class SweepPairs(NamedTuple):
+    """Pairs of sweeps of two LiDARs."""
+
+    pairs: tuple[SweepPair, ...]
+    left_out: Counter[str] = Counter()
+    """Number of pairs that may be of different moments, by what is wrong with them."""
+
+
+class NotRegistered(NamedTuple):
+    """Why the sweeps of two LiDARs have no registration."""
+
+    num_pairs: int
+    """Number of pairs that could be registered."""
+    left_out: Counter[str]
+    """Number of others, by what is wrong with them."""
+
+    @property
+    def reason(self) -> str:
+        """The numbers and causes in words."""
+        causes = "".join(f"; {count} {cause}" for cause, count in self.left_out.items())
+        total = counted(self.num_pairs + self.left_out.total(), "pair")
+        return f"{self.num_pairs} of {total} of sweeps could be, needed {MIN_PAIRS}{causes}"
+
+
 def check_registration(key: str) -> None:
     """Check that small_gicp, which registers sweeps, is installed.
 
@@ -101,7 +140,7 @@ def check_registration(key: str) -> None:
 
 def read_sweep_pairs(
     first: Sequence[Drive], further: Sequence[Drive], sweeps: SweepCache | None = None
-) -> list[SweepPair]:
+) -> SweepPairs:
     """Read the sweeps of two LiDARs of the same moments: those that drives pair with one image, or stamp alike.
 
     Args:
@@ -112,37 +151,41 @@ def read_sweep_pairs(
     Raises:
         InputError: a sweep is missing or wrong.
     """
-    places = {moment: place for place in _frames(first) for moment in _moments(*place)}
-    paired = dict[str, tuple[tuple[Drive, Frame], tuple[Drive, Frame]]]()
+    places = {key: place for place in _frames(first) for key in _keys(*place)}
+    paired = dict[str, tuple[_Place, _Place]]()
     for drive, frame in _frames(further):
-        other = next((places[moment] for moment in _moments(drive, frame) if moment in places), None)
+        other = next((places[key] for key in _keys(drive, frame) if key in places), None)
         if other is not None:
             paired.setdefault(str(cloud_path(drive, frame.points)), (other, (drive, frame)))
-    chosen = evenly_spaced(list(paired.values()), MAX_PAIRS)
-    return [SweepPair(*(_points(*place, sweeps) for place in places)) for places in chosen]
+    doubts = {name: _doubt_of_moment(*both) for name, both in paired.items()}
+    chosen = evenly_spaced([both for name, both in paired.items() if doubts[name] is None], MAX_PAIRS)
+    pairs = tuple(SweepPair(*(_points(*place, sweeps) for place in both)) for both in chosen)
+    return SweepPairs(pairs, Counter(doubt for doubt in doubts.values() if doubt is not None))
 
 
-def register_sweeps(pairs: Sequence[SweepPair], T_start: Pose) -> Registration | None:
+def register_sweeps(sweeps: SweepPairs, T_start: Pose) -> Registration | NotRegistered:
     """Register sweeps of two LiDARs.
 
     Args:
-        pairs: Sweeps of the same moments.
+        sweeps: Pairs of sweeps.
         T_start: (4, 4) start, p_first = T_start p_further, metres.
 
     Returns:
-        What the pairs say together; None if fewer than `MIN_PAIRS` could be registered.
+        What the pairs say together, or why fewer than `MIN_PAIRS` could be registered.
     """
-    registered = [T for pair in pairs if (T := _register(pair, T_start)) is not None]
+    results = [_register(pair, T_start) for pair in sweeps.pairs]
+    registered = [T for T in results if not isinstance(T, str)]
+    left_out = sweeps.left_out + Counter(cause for cause in results if isinstance(cause, str))
     if len(registered) < MIN_PAIRS:
-        return None
+        return NotRegistered(len(registered), left_out)
     mean, scatter = robust_mean(np.array([twist_between(T, T_start) for T in registered]))
     errors = np.hypot(scatter, np.repeat([FLOOR_M, math.radians(FLOOR_DEG)], 3))
-    # Only the scatter is estimated (Satterthwaite).
-    freedom = (len(registered) - 1) * (errors / np.maximum(scatter, errors / MANY)) ** 4
+    # Only the scatter is estimated (Satterthwaite). The weights cost about as much as one more value.
+    freedom = (len(registered) - 2) * (errors / np.maximum(scatter, errors / MANY)) ** 4
     return Registration(
         T_lidar_further=rows(orthonormal(apply_twist(T_start, mean))),
         num_pairs=len(registered),
-        num_left_out=len(pairs) - len(registered),
+        num_left_out=left_out.total(),
         sigma_m=tuple(errors[:3].tolist()),
         sigma_deg=tuple(np.degrees(errors[3:]).tolist()),
         degrees_of_freedom=tuple(np.minimum(freedom, MANY).tolist()),
@@ -166,12 +209,16 @@ def robust_mean(values: Vectors) -> tuple[Numbers, Numbers]:
         weights = (TAIL + size) / (TAIL + (((values - mean) / scale) ** 2).sum(axis=1))
         mean = weights @ values / weights.sum()
         scale = np.sqrt(weights @ (values - mean) ** 2 / count).clip(min=np.finfo(float).tiny)
-    squares = weights**2 @ (values - mean) ** 2 / weights.sum() ** 2
+    # The covariance of an M-estimate: weights fall where values are far off, so that they pull by less than they weigh.
+    squared = ((values - mean) / scale) ** 2
+    weights = (TAIL + size) / (TAIL + squared.sum(axis=1))
+    pull = weights.sum() - 2.0 * weights**2 @ squared / (TAIL + size)
+    squares = weights**2 @ (values - mean) ** 2 / pull**2
     return mean, np.sqrt(squares * count / (count - 1))
 
 
-def _register(pair: SweepPair, T_start: Pose) -> Pose | None:
-    """Register two sweeps; None if it fails, if they overlap too little, or if it leads too far from its start."""
+def _register(pair: SweepPair, T_start: Pose) -> Pose | str:
+    """Register two sweeps, or describe what is wrong with them."""
     import small_gicp
 
     T = T_start
@@ -183,22 +230,57 @@ def _register(pair: SweepPair, T_start: Pose) -> Pose | None:
             target, source, tree, T, max_correspondence_distance=distance_m, num_threads=1, **CONVERGED
         )
         T = result.T_target_source
+    if not (result.converged and np.isfinite(T).all()):
+        return "do not converge"
+    if result.num_inliers < MIN_OVERLAP * source.size():
+        return f"overlap by less than {MIN_OVERLAP:.0%}".replace("%", " %")
     moved = twist_between(T, T_start)
-    overlaps = result.num_inliers >= MIN_OVERLAP * source.size()
-    is_near = np.linalg.norm(moved[:3]) <= MAX_JUMP_M and np.linalg.norm(moved[3:]) <= math.radians(
-        MAX_JUMP_DEG
+    if np.linalg.norm(moved[:3]) > MAX_JUMP_M or np.linalg.norm(moved[3:]) > math.radians(MAX_JUMP_DEG):
+        return f"end more than {MAX_JUMP_M:g} m or {MAX_JUMP_DEG:g} degrees from the start"
+    ranges_squared = (source.points()[:, :3] ** 2).sum(axis=1).mean()
+    if (stiffness(result.H / result.num_inliers, ranges_squared) < MIN_STIFFNESS).any():
+        return "do not hold the pose in all directions, as in a tunnel"
+    return np.asarray(T)
+
+
+def stiffness(H: Matrix, ranges_squared: float) -> Numbers:
+    """Compute how much the points resist shifts and turns of a sweep.
+
+    Args:
+        H: (6, 6) Hessian for each point, of the rotation, then the position.
+        ranges_squared: Mean square of their ranges, square metres.
+
+    Returns:
+        Three eigenvalues against shifts, in whatever way the sweep turns with them, and three against turns, likewise.
+    """
+    of_turns, of_shifts, mixed = H[:3, :3], H[3:, 3:], H[3:, :3]
+    against_shifts = of_shifts - mixed @ np.linalg.pinv(of_turns) @ mixed.T
+    against_turns = of_turns - mixed.T @ np.linalg.pinv(of_shifts) @ mixed
+    return np.concatenate(
+        [np.linalg.eigvalsh(against_shifts), np.linalg.eigvalsh(against_turns) / ranges_squared]
     )
-    return T if result.converged and overlaps and is_near and np.isfinite(T).all() else None
 
 
-def _frames(drives: Sequence[Drive]) -> list[tuple[Drive, Frame]]:
+def _frames(drives: Sequence[Drive]) -> list[_Place]:
     return [(drive, frame) for drive in drives for frame in drive.frames]
 
 
-def _moments(drive: Drive, frame: Frame) -> list[object]:
-    """Return what identifies the moment of a sweep: the image that was taken with it, and its stamp."""
+def _keys(drive: Drive, frame: Frame) -> list[object]:
+    """Return what may identify the moment of a sweep: the image that was taken with it, and its stamp."""
     image = [] if frame.image is None else [cloud_path(drive, frame.image)]
     return [*image, *([] if frame.points_stamp is None else [frame.points_stamp])]
+
+
+def _doubt_of_moment(first: _Place, further: _Place) -> str | None:
+    """Describe why two sweeps may be of different moments; None if they are of one, or if the rig stood still."""
+    drives = [drive for drive, _ in (first, further)]
+    stamps = [frame.points_stamp for _, frame in (first, further) if frame.points_stamp is not None]
+    if all(drive.motion is not None and drive.motion.speed_m_s == 0.0 for drive in drives):
+        return None
+    if len(stamps) == len(drives):
+        is_same = abs(stamps[0] - stamps[1]) <= SAME_MOMENT_S
+        return None if is_same else "are of different moments by their points_stamp"
+    return None if all(drive.synchronization == "hardware" for drive in drives) else OF_UNKNOWN_MOMENTS
 
 
 def _points(drive: Drive, frame: Frame, sweeps: SweepCache | None) -> Points:

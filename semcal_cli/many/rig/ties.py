@@ -7,6 +7,7 @@ of their errors.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -80,6 +81,44 @@ def in_reach(ties: list[Tie]) -> list[tuple[Tie, str | None]]:
         ordered.append((tie, new))
         reached.update(tie.ends)
     return ordered
+
+
+def reached_by(ties: Sequence[Tie]) -> set[str]:
+    """Return the sensors that ties reach from the first LiDAR, with the first LiDAR."""
+    return {FIRST_LIDAR, *(new for _, new in in_reach([*ties]) if new is not None)}
+
+
+def unconfirmed(ties: Sequence[Tie]) -> set[str]:
+    """Return the sensors that a single tie separates from the first LiDAR, so that no loop confirms their place."""
+    all_of_them = reached_by(ties)
+    without_one = (reached_by([other for other in ties if other is not tie]) for tie in ties)
+    return all_of_them - all_of_them.intersection(*without_one)
+
+
+def relying_on(wrong: Collection[Tie], ties: Sequence[Tie]) -> set[str]:
+    """Return the sensors whose place relies on a loop of a wrong tie: any tie of the loop may be the wrong one.
+
+    Args:
+        wrong: Ties that others contradict.
+        ties: All ties, with these.
+    """
+    of_loops = {other for tie in wrong for other in on_loops_of(tie, ties)}
+    return reached_by(ties) - reached_by([tie for tie in ties if tie not in of_loops])
+
+
+def on_loops_of(tie: Tie, ties: Sequence[Tie]) -> set[Tie]:
+    """Return the ties that share a loop with one of them, with itself: no single sensor separates them from it."""
+    sensors = {end for each in ties for end in each.ends}
+    return {*ties}.intersection(*(_connected(tie, ties, sensor) for sensor in sensors))
+
+
+def _connected(tie: Tie, ties: Sequence[Tie], separator: str) -> set[Tie]:
+    """Return the ties that one of them leads to, through any sensor but one."""
+    connected, reached = {tie}, {*tie.ends} - {separator}
+    while found := {each for each in ties if each not in connected and not reached.isdisjoint(each.ends)}:
+        connected |= found
+        reached |= {end for each in found for end in each.ends} - {separator}
+    return connected
 
 
 def loop_of(tie: Tie, tree: dict[str, str]) -> tuple[str, ...]:
