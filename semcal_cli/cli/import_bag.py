@@ -26,6 +26,7 @@ MAX_REASONS = 10
 """Largest number of printed reasons for leaving something out."""
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
 SIDES = "<<>>>><"
+"""Alignment of the columns in the list of topics."""
 
 
 @dataclass(frozen=True, kw_only=True)
