@@ -76,25 +76,13 @@ fn direction_of_scan(rays: &[Ray], rings: Option<&[u16]>) -> Option<f64> {
 
 /// The scan lines, as ranges of the rays.
 fn lines(rays: &[Ray], rings: Option<&[u16]>, direction: f64) -> Vec<Range<usize>> {
-    let scan = Scan::new(rays, direction);
-    let seam = if rings.is_some() { None } else { scan.seam() };
-    let (mut lines, mut start) = (Vec::new(), 0);
-    for at in 1..rays.len() {
-        let [a, b] = [&rays[at - 1], &rays[at]];
-        let (step, turned) = (direction * a.turn_to(b), scan.turned[at] - scan.turned[start]);
-        let is_full = || match seam {
-            // The first line may be a short part of one.
-            Some(seam) => turned > if start == 0 { REACH } else { PI } && scan.passes(at, seam),
-            None => turned > TAU + REACH || turned > TAU - REACH && !a.is_level_with(b, step.abs()),
-        };
-        let ends = if rings.is_some() { !is_one_ring(a, b, rings) } else { step < -REACH || is_full() };
-        if ends {
-            lines.push(start..at);
-            start = at;
-        }
-    }
-    lines.push(start..rays.len());
-    lines
+    let mut starts = match rings {
+        Some(_) => (1..rays.len()).filter(|&at| !is_one_ring(&rays[at - 1], &rays[at], rings)).collect(),
+        None => Scan::new(rays, direction).starts(),
+    };
+    starts.insert(0, 0);
+    starts.push(rays.len());
+    starts.windows(2).map(|pair| pair[0]..pair[1]).collect()
 }
 
 /// Rays in the order of a scan.
@@ -113,6 +101,25 @@ impl<'a> Scan<'a> {
             Some(*turned)
         });
         Self { rays, direction, turned: [0.0].into_iter().chain(sums).collect() }
+    }
+
+    /// The first rays of all lines but the first.
+    fn starts(&self) -> Vec<usize> {
+        let (seam, mut starts, mut start) = (self.seam(), Vec::new(), 0);
+        for at in 1..self.rays.len() {
+            let [a, b] = [&self.rays[at - 1], &self.rays[at]];
+            let (step, turned) = (self.direction * a.turn_to(b), self.turned[at] - self.turned[start]);
+            let is_full = || match seam {
+                // The first line may be a short part of one.
+                Some(seam) => turned > if start == 0 { REACH } else { PI } && self.passes(at, seam),
+                None => turned > TAU + REACH || turned > TAU - REACH && !a.is_level_with(b, step.abs()),
+            };
+            if step < -REACH || is_full() {
+                starts.push(at);
+                start = at;
+            }
+        }
+        starts
     }
 
     /// The azimuth at which lines of a turn each end; `None` if most turns end nowhere.
