@@ -361,6 +361,20 @@ def test_a_cluster_whose_scheduler_is_lost_is_one_line(
     assert len((out / "summary.jsonl").read_text().splitlines()) == NUM_DRIVES
 
 
+def test_a_scheduler_that_is_lost_while_a_result_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    from semcal_cli.many.batch.cluster import on_cluster
+
+    def lose(_: object) -> None:
+        raise distributed.comm.CommClosedError("connection reset by peer")
+
+    monkeypatch.setattr(distributed.Future, "result", lose)
+    with distributed.Client(processes=False, n_workers=1, dashboard_address=None) as client:
+        ((_, get),) = on_cluster(client, str, [1])
+        with pytest.raises(InputError, match="lost the scheduler; what is finished is kept"):
+            get()
+
+
 @pytest.mark.parametrize(
     "address", ["tls://127.0.0.1:1", "127.0.0.1:1", "tcp://nowhere.invalid:1", "x://y", ""]
 )

@@ -25,7 +25,7 @@ from semcal_cli.pipeline import calibrate
 CONFIG = CalibrationConfig(cues=("labels",))
 FAST = Motion(twist=Twist(linear_m_s=(10.0, 0.0, 0.0), angular_rad_s=(0.0, 0.0, 0.0)))
 ADVICE = (
-    ": in drive.yaml, write `synchronization: hardware` if one triggers the other, `motion: {speed_m_s: 0}` if the rig "
+    ": add to drive.yaml `synchronization: hardware` if one triggers the other, `motion: {speed_m_s: 0}` if the rig "
     "stood, or motion.poses at different speeds (`semcal odometry`)"
 )
 UNTIED = "nothing ties the images to the moments of the sweeps, and "
@@ -176,5 +176,5 @@ def test_images_one_frame_late_are_not_trusted(late: Path) -> None:
     assert np.linalg.norm(camera_center(found.pose) - camera_center(T)) > 0.5
     (reason,) = found.reasons
     assert reason.startswith(f"{UNTIED}the rig moves 2.4")
-    assert "10 ms at 24 m/s are 24 cm, if these are 0.1 s apart: in drive.yaml" in reason
+    assert "10 ms at 24 m/s are 24 cm, if these are 0.1 s apart: add to drive.yaml" in reason
     assert not any("the clock was not checked" in note for note in found.notes)

@@ -24,14 +24,14 @@ OTHER_AZIMUTH = Check(
             (
                 "turned by 90 degrees, the camera still fits 71% as well (limit 65%), so its direction is "
                 "ambiguous: add frames from other places, or measure the mounting by hand and give it with "
-                "--init"
+                "--init-rpy-xyz"
             ),
         ),
         meaning="The labels look nearly the same all around the LiDAR.",
         cause="The scene repeats itself (an open field, a straight street canyon), or there are few classes.",
         remedy=(
             "Record at crossings and among poles, cars and trees, or measure the mounting and give it "
-            "with `--init`."
+            "with `--init-rpy-xyz`."
         ),
         figure=(
             "Information with the camera turned about the LiDAR's z axis in steps of 30 degrees, as a "

@@ -45,12 +45,12 @@ NOTHING_TO_COMPARE = Check(
         quotes=(
             (
                 "the search left no other mounting to compare with: add frames from "
-                "other places, or measure the mounting by hand and give it with --init"
+                "other places, or measure the mounting by hand and give it with --init-rpy-xyz"
             ),
         ),
         meaning="Only one mounting came out of the search, so its lead cannot be measured.",
         cause="Sweeps and images overlap in few directions, or few points have labels.",
-        remedy="Add frames from other places, or measure the mounting and give it with `--init`.",
+        remedy="Add frames from other places, or measure the mounting and give it with `--init-rpy-xyz`.",
     ),
 )
 MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()

@@ -24,9 +24,8 @@ from semcal_cli.observations.reading import read_clouds
 UNTIED_CLOCKS = Check(
     topic="untied-clocks",
     advice=(
-        "in drive.yaml, write `synchronization: hardware` if one triggers the other, `motion: {speed_m_s: 0}` if the "
-        "rig stood, or "
-        "motion.poses at different speeds (`semcal odometry`)"
+        "add to drive.yaml `synchronization: hardware` if one triggers the other, `motion: {speed_m_s: 0}` if the rig "
+        "stood, or motion.poses at different speeds (`semcal odometry`)"
     ),
     entry=Entry(
         title="Nothing ties the images to the sweeps",
@@ -34,13 +33,13 @@ UNTIED_CLOCKS = Check(
         quotes=(
             (
                 "nothing ties the images to the moments of the sweeps, and the rig moves 0.95 m from one frame to the "
-                "next: 10 ms at 9.5 m/s are 9.5 cm, if these are 0.1 s apart: in drive.yaml, write "
+                "next: 10 ms at 9.5 m/s are 9.5 cm, if these are 0.1 s apart: add to drive.yaml "
                 "`synchronization: hardware` if one triggers the other, `motion: {speed_m_s: 0}` if the rig stood, or "
                 "motion.poses at different speeds (`semcal odometry`)"
             ),
             (
                 "nothing ties the images to the moments of the sweeps, and whether the rig moved cannot be seen: 10 ms "
-                "at 10 m/s are 10 cm: in drive.yaml, write `synchronization: hardware` if one triggers the other, "
+                "at 10 m/s are 10 cm: add to drive.yaml `synchronization: hardware` if one triggers the other, "
                 "`motion: {speed_m_s: 0}` if the rig stood, or motion.poses at different speeds (`semcal odometry`)"
             ),
         ),

@@ -60,7 +60,7 @@ def inspect(settings: InspectSettings) -> None:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.many.rig.rig_document import find_rig
-    from semcal_cli.result.next_steps import after_import
+    from semcal_cli.result.next_steps import first_calibration
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
@@ -79,7 +79,9 @@ def inspect(settings: InspectSettings) -> None:
         documents = {name: asdict(report) for name, report in reports.items()}
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
-    next_command = shell("calibrate", path, "-o", "results") if rig is not None else after_import(drives[""])
+    next_command = (
+        shell("calibrate", path, "-o", "results") if rig is not None else first_calibration(drives[""])
+    )
     _print(reports, next_command, with_frames=settings.with_frames)
 
 
@@ -104,7 +106,7 @@ def _write_mask(drive: Drive, path: Path) -> None:
     click.echo(f"wrote {path}: {share:.1%} of the image never change; {use}", err=True)
 
 
-def _print(reports: Mapping[str, DriveReport], next_command: str, *, with_frames: bool) -> None:
+def _print(reports: Mapping[str, DriveReport], next_command: str | None, *, with_frames: bool) -> None:
     """Print what is suspicious for any camera, the content of each drive, under its name if it has one, and what next.
 
     The table of frames is as wide as the terminal, or as COLUMNS; without both, rows are not wrapped.
@@ -135,7 +137,7 @@ def _print(reports: Mapping[str, DriveReport], next_command: str, *, with_frames
             show(label, line)
         if with_frames:
             console.print(_table(report), soft_wrap=False)
-    if not next_command.startswith(shell("inspect")):
+    if next_command is not None:
         console.print(labelled("next", next_command, LABEL_WIDTH), markup=False)
 
 

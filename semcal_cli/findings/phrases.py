@@ -5,7 +5,7 @@ from __future__ import annotations
 from semcal_cli.errors import format_against_limit
 
 ELSEWHERE = "add frames from other places"
-BY_HAND = f"{ELSEWHERE}, or measure the mounting by hand and give it with --init"
+BY_HAND = f"{ELSEWHERE}, or measure the mounting by hand and give it with --init-rpy-xyz"
 NEARER = "add frames, or start nearer with --init"
 OR_ESTIMATE_K = "or calibrate with --refine-intrinsics fx,fy,cx,cy"
 

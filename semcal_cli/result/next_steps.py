@@ -25,13 +25,20 @@ TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
 
 
 def after_import(drive: Drive) -> str:
-    """Write the command that follows the import of a drive; without labels or a transform, it needs a mounting."""
-    first, name = drive.frames[0], drive.argument
+    """Write the command that follows the import of a drive."""
+    return first_calibration(drive) or shell("inspect", drive.argument)
+
+
+def first_calibration(drive: Drive) -> str | None:
+    """Write the command that calibrates a drive; None if it has no images.
+
+    Without labels or a transform, the user has to fill in a start.
+    """
+    first = drive.frames[0]
     if first.image_labels is None and first.image is None:
-        return shell("inspect", name)
-    command = shell("calibrate", name, "-o", "calibration.yaml")
+        return None
+    command = shell("calibrate", drive.argument, "-o", "calibration.yaml")
     has_start = first.image_labels is not None or drive.T_camera_lidar is not None
-    # In capitals, as what the user has to fill in.
     return command if has_start else f"{command} --init-rpy-xyz R P Y X Y Z"
 
 

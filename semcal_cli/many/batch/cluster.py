@@ -76,6 +76,7 @@ def on_cluster(
         InputError: the scheduler is lost.
     """
     from distributed import KilledWorker, as_completed
+    from distributed.comm.core import CommClosedError
 
     scheduler: Any = client.scheduler
     address = scheduler.address
@@ -88,7 +89,7 @@ def on_cluster(
             answer: Answer = done.result()
         except KilledWorker:
             raise LostWorkerError("its worker was lost repeatedly") from None
-        except CancelledError:
+        except (CancelledError, CommClosedError):
             raise lost from None
         except (ImportError, AttributeError) as error:
             needed = f"expected semcal {version('semcal')} for all workers"
