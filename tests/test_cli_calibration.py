@@ -114,7 +114,7 @@ def test_a_runner_up_that_is_close_is_not_trusted(drive: Path, tmp_path: Path, c
     assert re.fullmatch(
         r"a mounting \d+ degrees away explains the labels only \d\.\d\d standard errors worse; a trusted pose must "
         r"beat every other by 2: add frames from other places, or measure the mounting by hand and give "
-        r"it with --init",
+        r"it with --init-rpy-xyz",
         reason,
     )
 

@@ -20,7 +20,7 @@ OTHER_MOUNTING = Check(
             (
                 "a mounting 31 degrees away explains the labels only 1.62 standard errors worse; a trusted "
                 "pose must beat every other by 2: add frames from other places, or measure the mounting by hand "
-                "and give it with --init"
+                "and give it with --init-rpy-xyz"
             ),
         ),
         meaning=(

@@ -42,6 +42,7 @@ OF_A_WRONG_K: frozenset[str] = frozenset(
         "frames-disagree",
         "no-direction",
         "other-pose",
+        "polish-not-settled",
         "polish-rejected",
         "wide-interval",
     }

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Rows: TypeAlias = list[tuple[str, str]]
 """Pairs of a label and a text."""
-TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
+_TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
 """Address of the page that explains every finding, for results of older versions, which have no topics."""
 
 
@@ -68,7 +68,7 @@ def after_calibration(
         return [("next", shell("refine", drive, "--init", result, "-o", refined))]
     if calibration.status == "not_trusted":
         leading = leading or Leading(len(calibration.topics))
-        entries = [*map(entry_address, dict.fromkeys(calibration.topics[: leading.num]))] or [TROUBLESHOOTING]
+        entries = [*map(entry_address, dict.fromkeys(calibration.topics[: leading.num]))] or [_TROUBLESHOOTING]
         labels = ["why", *[""] * (len(entries) - 1)]
         correction = _correction(calibration, drive, result, leading.options)
         commands = [*correction, shell("inspect", drive), shell("view", drive, result)]
