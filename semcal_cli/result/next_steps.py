@@ -68,7 +68,9 @@ def after_calibration(
         return [("next", shell("refine", drive, "--init", result, "-o", refined))]
     if calibration.status == "not_trusted":
         leading = leading or Leading(len(calibration.topics))
-        entries = [*map(entry_address, dict.fromkeys(calibration.topics[: leading.num]))] or [_TROUBLESHOOTING]
+        entries = [*map(entry_address, dict.fromkeys(calibration.topics[: leading.num]))] or [
+            _TROUBLESHOOTING
+        ]
         labels = ["why", *[""] * (len(entries) - 1)]
         correction = _correction(calibration, drive, result, leading.options)
         commands = [*correction, shell("inspect", drive), shell("view", drive, result)]
