@@ -222,6 +222,7 @@ def _print(verification: Verification, *, verbose: bool) -> None:
 
 def _check_line(check: AxisVerdict, word: str) -> str:
     from semcal_cli.readable import for_people
+    from semcal_cli.result.uncertainty import CHECK_NAMES
 
     text, allowed = check.text, f"{check.allowed:g} {check.unit}"
     if text.offset:
@@ -229,4 +230,5 @@ def _check_line(check: AxisVerdict, word: str) -> str:
         found = f"{for_people(f'{text.offset:>9}{half}'):<18} {check.unit}"
     else:
         found = "not determined".rjust(19)
-    return f"{check.name:<21}{found:<24}allowed {allowed:<10}{word}"
+    name = CHECK_NAMES.get(check.name, check.name)
+    return f"{name:<28}{found:<23}allowed {allowed:<9}{word}"
