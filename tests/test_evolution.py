@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
-from semcal_cli.estimation.refine.evolution import evolve
+from semcal_cli.estimation.refine.evolution import PATIENCE, evolve
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.geometry.twists import pose_at
 
 SHAPE = np.diag([1.0, 1.0, 9.0, 0.01, 0.01, 0.01])
@@ -15,22 +16,39 @@ SUMMIT = np.array([0.02, -0.03, 0.15, 0.003, -0.002, 0.001])
 
 
 def rugged(T: Pose) -> float:
-    """A hill whose summit is `SUMMIT`, with waves on its slopes that stop whoever follows them."""
-    T_summit = pose_at(np.eye(4), SUMMIT)
-    away = compare_poses(T, T_summit)
-    waves = np.cos(np.radians(200.0) * np.array(away.offsets) / [0.01, 0.01, 0.01, 0.1, 0.1, 0.1])
-    return float(0.03 * waves.sum() - (away.camera_center_m / 0.1) ** 2 - (away.rotation_deg / 0.2) ** 2)
+    """A hill whose summit is `SUMMIT`, 15 cm from the origin, with waves that stop whoever follows the slope."""
+    away = compare_poses(T, pose_at(np.eye(4), SUMMIT))
+    waves = np.cos(2.0 * np.pi * np.array(away.offsets) / [0.03, 0.03, 0.03, 0.1, 0.1, 0.1])
+    return float(0.15 * waves.sum() - (away.camera_center_m / 0.1) ** 2 - (away.rotation_deg / 0.2) ** 2)
+
+
+def is_at_summit(T: Pose) -> bool:
+    away = compare_poses(T, pose_at(np.eye(4), SUMMIT))
+    return away.camera_center_m < 0.04 and away.rotation_deg < 0.12
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_summit_beyond_waves_is_found(seed: int) -> None:
     found = evolve(rugged, np.eye(4), SHAPE, seed)
-    away = compare_poses(found, pose_at(np.eye(4), SUMMIT))
-    assert away.camera_center_m < 0.03  # from 15 cm
-    assert away.rotation_deg < 0.05
+    assert is_at_summit(found)
     np.testing.assert_array_equal(evolve(rugged, np.eye(4), SHAPE, seed), found)
 
 
-def test_nothing_better_leaves_the_start() -> None:
-    T = pose_at(np.eye(4), SUMMIT)
-    assert evolve(lambda _: 1.0, T, SHAPE, 0) is T
+def test_the_slope_does_not_lead_there() -> None:
+    end = minimize(lambda twist: -rugged(pose_at(np.eye(4), twist)), np.zeros(6), method="BFGS")
+    assert not is_at_summit(pose_at(np.eye(4), end.x))
+
+
+@pytest.mark.parametrize(("num_vain", "num_poses"), [(0, 9), (1, 18)])
+def test_nothing_better_leaves_the_start(num_vain: int, num_poses: int) -> None:
+    T, poses = pose_at(np.eye(4), SUMMIT), list[Pose]()
+
+    def flat(pose: Pose) -> float:
+        poses.append(pose)
+        return 1.0
+
+    assert evolve(flat, T, SHAPE, 0, num_vain) is T
+    assert len(poses) == 1 + PATIENCE * num_poses
+    # Poses spread farthest along the longest axis, forward.
+    spread = np.std([camera_center(pose) for pose in poses[: 1 + num_poses]], axis=0)
+    assert np.argmax(spread) == 2

@@ -231,4 +231,4 @@ def _check_line(check: AxisVerdict, word: str) -> str:
     else:
         found = "not determined".rjust(19)
     name = CHECK_NAMES.get(check.name, check.name)
-    return f"{name:<28}{found:<23}allowed {allowed:<9}{word}"
+    return f"{name:<28}{found:<23}allowed {allowed:<8} {word}"

@@ -28,16 +28,16 @@ TIED_SIGMAS = 2.0
 chance."""
 NUM_POLISHED = 3
 """Number of the best ends that are polished."""
-BESIDE = ((0.12, 0.032), (0.19, 0.051), (0.26, 0.07))
-"""Distances, degrees and metres, of poses beside a maximum. If polishes from all of them lead back, it is alone."""
-FIRST_ROUNDS = 2
-"""Rounds of these polishes."""
+BESIDE, FIRST_ROUNDS = ((0.12, 0.032), (0.19, 0.051), (0.26, 0.07)), 2
+"""Distances, degrees and metres, of poses beside a maximum, and rounds of the polishes that start there. If all of them
+lead back, the maximum is alone. On KITTI they do, so that nothing is searched there."""
 SAME_DEG, SAME_M = 0.05, 0.015
-"""Poses within this distance are at the same maximum, or on the way to it."""
-MAX_CLIMBS, SEEDS = 8, 2**31
-"""Largest number of times that a higher maximum is looked for around the last one, and the number of seeds for it. On a
-street of KITTI-360 whose motion is known, the first time finds the highest one from seven of eight seeds, from 22 cm
-beside it (`tests/benchmarks/spin.py`)."""
+"""Poses within this distance are at the same maximum, or on the way to it. With twice the distance, a start on a street
+of KITTI-360 stayed 22 cm off."""
+MAX_SEARCHES, MAX_VAIN = 8, 2
+"""Largest number of searches for higher maxima, each around the last one found, and of those in a row that find none.
+On that street, most seeds lead a search from 22 cm beside the highest maximum to it, and the others a second, larger
+search (`tests/benchmarks/spin.py`)."""
 NEAR_A_MAXIMUM = 0.5
 """A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
 of a comparable maximum."""
@@ -206,25 +206,32 @@ class SeveralStarts:
         return sorted([best, *as_good], key=lambda maximum: self._distance(maximum.T_camera_lidar))
 
     def _climb_beside(self, best: core.Aligned, visible_only: bool) -> core.Aligned:
-        """Look for higher maxima around the best one, around what was found, and so on, unless it is alone.
+        """Search around the best maximum for a higher one, then around that, until a search finds none.
 
-        Between maxima a few pixels apart, the slope leads nowhere. Where information has a sign, a pose also needs half
-        of that of the best one.
+        Maxima are often a few pixels apart, and following the slope does not lead from one to the next. A maximum to
+        which polishes from poses beside it lead back is kept. Where information has a sign, the end also needs half of
+        that of the best maximum.
         """
-        rng, information = np.random.default_rng(self.seed), self.observations.information
-        T_highest = best.T_camera_lidar
-        for _ in range(0 if self._is_alone(T_highest, rng) else MAX_CLIMBS):
+        rng, T_best = np.random.default_rng(self.seed), best.T_camera_lidar
+        if self._is_alone(T_best, rng):
+            return best
+
+        def information(T: Pose) -> float:
+            return self.observations.information(T) if self._is_near(T) else -np.inf
+
+        T_highest, num_vain = T_best, 0
+        for _ in range(MAX_SEARCHES):
+            # Only for its curvature: the polish prefers other poses by a little, and would go back.
             shape = newton(self.observations, T_highest, PolishConfig(max_rounds=1)).inverse_curvature
             if shape is None:
                 break
-            T = evolve(information, T_highest, shape, int(rng.integers(SEEDS)))
-            if _is_within(T, T_highest, SAME_DEG, SAME_M):
+            T = evolve(information, T_highest, shape, int(rng.integers(2**31)), num_vain)
+            num_vain = num_vain + 1 if _is_within(T, T_highest, SAME_DEG, SAME_M) else 0
+            if num_vain == MAX_VAIN:
                 break
             T_highest = T
-        if T_highest is best.T_camera_lidar:
-            return best
         T = newton(self.observations, T_highest, PolishConfig()).T_camera_lidar
-        if not self._is_near(T) or information(T) <= information(best.T_camera_lidar):
+        if information(T) <= information(T_best):
             return best
         (end,) = self._compared([T], visible_only)
         return end if end.value >= _near(best.value) else best

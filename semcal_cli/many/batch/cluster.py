@@ -76,7 +76,6 @@ def on_cluster(
         InputError: the scheduler is lost.
     """
     from distributed import KilledWorker, as_completed
-    from distributed.comm.core import CommClosedError
 
     scheduler: Any = client.scheduler
     address = scheduler.address
@@ -89,7 +88,11 @@ def on_cluster(
             answer: Answer = done.result()
         except KilledWorker:
             raise LostWorkerError("its worker was lost repeatedly") from None
-        except (CancelledError, CommClosedError):
+        except CancelledError:
+            raise lost from None
+        except OSError:
+            if done.status == "error":  # The work raised it.
+                raise
             raise lost from None
         except (ImportError, AttributeError) as error:
             needed = f"expected semcal {version('semcal')} for all workers"
