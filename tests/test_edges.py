@@ -20,6 +20,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.refine import several_starts
+from semcal_cli.estimation.refine.evolution import evolve
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
 from semcal_cli.estimation.search.initial_pose import InitialPose
@@ -27,6 +28,7 @@ from semcal_cli.estimation.search.mounting_search import with_best
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.cues.cue_table import choose_cues
 from semcal_cli.observations.cues.edges import (
     EDGES,
@@ -338,3 +340,15 @@ def test_a_higher_maximum_beside_is_found_where_scenes_are_enough(
     assert is_same(ascend(lower, street_truth, min_scenes=100), lower)
     assert is_same(ascend(lower, street_truth, is_alone=True), lower)
     assert not num_evolved
+
+
+def test_the_search_around_a_pose_beside_finds_the_right_one(seen: Observations, street_truth: Pose) -> None:
+    beside = displace(street_truth, 0.3, 0.08, np.random.default_rng(0))
+    shape = newton(seen, beside, PolishConfig(max_rounds=1)).inverse_curvature
+    assert shape is not None
+    found = evolve(seen.information, beside, shape, 0)
+    assert seen.information(found) >= seen.information(street_truth)
+    error = compare_poses(found, street_truth)
+    assert error.rotation_deg < 0.2
+    assert error.camera_center_m < 0.02
+    np.testing.assert_array_equal(evolve(seen.information, beside, shape, 0), found)
