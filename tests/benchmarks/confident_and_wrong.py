@@ -65,15 +65,17 @@ def _two_swapped(document: Document, folder: Path) -> None:
 
 
 def _clouds(change: Callable[[np.ndarray, int, int], np.ndarray]) -> Spoil:
-    """Change the points (N, 3) of each frame, given its number and the number of frames."""
+    """Change the points (N, 3) of each frame, given its number and the number of frames; intensities stay."""
 
     def spoil(document: Document, folder: Path) -> None:
         frames = document["frames"]
         for number, frame in enumerate(frames):
             (cloud,) = read_point_clouds([(Path(frame["points"]), None)])
-            points = np.asarray(change(cloud.points, number, len(frames)), np.float32)
+            columns = [change(cloud.points, number, len(frames))]
+            if cloud.intensity is not None:
+                columns.append(cloud.intensity[:, None])
             path = folder / f"{number:06d}.npy"
-            np.save(path, points)
+            np.save(path, np.hstack(columns).astype(np.float32))
             frame["points"] = str(path)
 
     return spoil
