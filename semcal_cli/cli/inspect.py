@@ -60,7 +60,7 @@ def inspect(settings: InspectSettings) -> None:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.many.rig.rig_document import find_rig
-    from semcal_cli.result.next_steps import first_calibration
+    from semcal_cli.result.next_steps import after_import
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
@@ -79,9 +79,8 @@ def inspect(settings: InspectSettings) -> None:
         documents = {name: asdict(report) for name, report in reports.items()}
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
-    next_command = (
-        shell("calibrate", path, "-o", "results") if rig is not None else first_calibration(drives[""])
-    )
+    of_rig = shell("calibrate", path, "-o", "results")
+    next_command = after_import(drives[""], is_inspected=True) if rig is None else of_rig
     _print(reports, next_command, with_frames=settings.with_frames)
 
 

@@ -24,19 +24,14 @@ _TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
 """Address of the page that explains every finding, for results of older versions, which have no topics."""
 
 
-def after_import(drive: Drive) -> str:
-    """Write the command that follows the import of a drive."""
-    return first_calibration(drive) or shell("inspect", drive.argument)
+def after_import(drive: Drive, *, is_inspected: bool = False) -> str | None:
+    """Write the command that follows the import of a drive; without labels or a transform, the user fills in a start.
 
-
-def first_calibration(drive: Drive) -> str | None:
-    """Write the command that calibrates a drive; None if it has no images.
-
-    Without labels or a transform, the user has to fill in a start.
+    A drive without images is only inspected; None if it already is.
     """
     first = drive.frames[0]
     if first.image_labels is None and first.image is None:
-        return None
+        return None if is_inspected else shell("inspect", drive.argument)
     command = shell("calibrate", drive.argument, "-o", "calibration.yaml")
     has_start = first.image_labels is not None or drive.T_camera_lidar is not None
     return command if has_start else f"{command} --init-rpy-xyz R P Y X Y Z"
