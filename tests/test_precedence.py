@@ -56,6 +56,15 @@ def found(*topics: str) -> list[Finding]:
             id="who gave none is",
         ),
         pytest.param(
+            ("polish-not-settled", "intrinsics"),
+            ("labels",),
+            "",
+            "intrinsics",
+            "check that the images were not cropped",
+            1,
+            id="a wrong K is doubted before a polish that it leaves unsettled",
+        ),
+        pytest.param(
             ("focal-length", "intrinsics", "other-pose"),
             ("intensity",),
             "",
