@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from semcal_cli.estimation.refine.evolution import PATIENCE, evolve
+from semcal_cli.estimation.refine.evolution import NUM_POSES, PATIENCE, evolve
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.geometry.twists import pose_at
@@ -39,7 +39,7 @@ def test_the_slope_does_not_lead_there() -> None:
     assert not is_at_summit(pose_at(np.eye(4), end.x))
 
 
-@pytest.mark.parametrize(("num_vain", "num_poses"), [(0, 9), (1, 18)])
+@pytest.mark.parametrize(("num_vain", "num_poses"), [(0, NUM_POSES), (1, 2 * NUM_POSES)])
 def test_nothing_better_leaves_the_start(num_vain: int, num_poses: int) -> None:
     T, poses = pose_at(np.eye(4), SUMMIT), list[Pose]()
 

@@ -79,8 +79,11 @@ def inspect(settings: InspectSettings) -> None:
         documents = {name: asdict(report) for name, report in reports.items()}
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
-    of_rig = shell("calibrate", path, "-o", "results")
-    next_command = after_import(drives[""], is_inspected=True) if rig is None else of_rig
+    next_command = (
+        after_import(drives[""], is_inspected=True)
+        if rig is None
+        else shell("calibrate", path, "-o", "results")
+    )
     _print(reports, next_command, with_frames=settings.with_frames)
 
 

@@ -32,12 +32,11 @@ BESIDE, FIRST_ROUNDS = ((0.12, 0.032), (0.19, 0.051), (0.26, 0.07)), 2
 """Distances, degrees and metres, of poses beside a maximum, and rounds of the polishes that start there. If all of them
 lead back, the maximum is alone. On KITTI they do, so that nothing is searched there."""
 SAME_DEG, SAME_M = 0.05, 0.015
-"""Poses within this distance are at the same maximum, or on the way to it. With twice the distance, a start on a street
-of KITTI-360 stayed 22 cm off."""
+"""Poses within this distance are at the same maximum, or on the way to it. With twice the distance, an earlier climb by
+polishes stayed 22 cm off on a street of KITTI-360."""
 MAX_SEARCHES, MAX_VAIN = 8, 2
 """Largest number of searches for higher maxima, each around the last one found, and of those in a row that find none.
-On that street, most seeds lead a search from 22 cm beside the highest maximum to it, and the others a second, larger
-search (`tests/benchmarks/spin.py`)."""
+On that street, one of three starts finds the highest only by the second, larger search (`tests/benchmarks/spin.py`)."""
 NEAR_A_MAXIMUM = 0.5
 """A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
 of a comparable maximum."""
