@@ -93,7 +93,7 @@ impl Level {
         weights: Weights,
     ) -> (JointHistogram, Vec<Vec<Mixed>>) {
         let of_chunk = |chunk: &[Sample]| {
-            let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::new());
+            let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::with_capacity(chunk.len()));
             let mut projected = Vec::with_capacity(RUN);
             for run in chunk.chunks(RUN) {
                 projected.clear();

@@ -9,7 +9,8 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix6};
 
 use super::level::Level;
 use super::projection::Neighbourhood;
-use super::sample::Sample;
+use super::sample::{Sample, Weights};
+use super::slopes::Placed;
 use crate::mutual_information::JointHistogram;
 
 /// Half-width, blocks (root mean square), of the gradient differences.
@@ -111,10 +112,10 @@ impl PenalisedInformation<'_> {
     pub fn newton(&self, inverse: &DMatrix<f64>, max_steps: usize, tolerance: f64) -> Option<NewtonResult> {
         let max_baseline_m = self.level.observations.max_baseline_m;
         let mut change = DVector::zeros(self.steps.nrows());
-        let (mut value, mut gradient) = self.value_and_gradient(&change)?;
+        let (mut value, mut placed) = self.value(&change)?;
         let mut wanted = 0.0;
         for _ in 0..max_steps {
-            let mut step = inverse * &gradient;
+            let mut step = inverse * self.gradient(&change, placed);
             let length = (&self.blocks * &step).norm();
             if !length.is_finite() {
                 return None;
@@ -122,16 +123,16 @@ impl PenalisedInformation<'_> {
             step *= (MAX_STEP / length).min(1.0);
             let better = (0..=MAX_HALVINGS).find_map(|halvings| {
                 let next = self.near.stepped(&change, &(&step * 0.5f64.powi(halvings)), max_baseline_m);
-                let (next_value, next_gradient) = self.value_and_gradient(&next)?;
-                (next_value > value).then_some((next, next_value, next_gradient))
+                let (next_value, placed) = self.value(&next)?;
+                (next_value > value).then_some((next, next_value, placed))
             });
             // If even the shortest step gains nothing, the maximum is nearer than that.
-            let Some((next, next_value, next_gradient)) = better else {
+            let Some((next, next_value, next_placed)) = better else {
                 wanted = 0.5f64.powi(MAX_HALVINGS) * length.min(MAX_STEP);
                 break;
             };
             let moved = (&self.blocks * (&next - &change)).norm();
-            (change, value, gradient) = (next, next_value, next_gradient);
+            (change, value, placed) = (next, next_value, next_placed);
             if moved < tolerance {
                 break;
             }
@@ -140,13 +141,25 @@ impl PenalisedInformation<'_> {
         Some(NewtonResult { change, moved, wanted })
     }
 
+    /// Penalised information, and where the points land; `None` if the camera is impossible.
+    fn value(&self, change: &DVector<f64>) -> Option<(f64, Placed<'_>)> {
+        let at = self.near.projection(change).ok()?;
+        let placed = self.level.placed(self.samples, self.constant, at, Weights::AtAnchor);
+        let offset = self.offset_from_prior + change;
+        let penalty = 0.5 * self.precision.component_mul(&offset).dot(&offset);
+        Some((self.level.information(&placed.joint) - penalty, placed))
+    }
+
+    /// Gradient of the penalised information at a change, by where the points land there.
+    fn gradient(&self, change: &DVector<f64>, placed: Placed) -> DVector<f64> {
+        let pull = self.precision.component_mul(&(self.offset_from_prior + change));
+        self.level.gradient(&placed) - pull
+    }
+
     /// Penalised information and its gradient; `None` if the camera is impossible.
     pub fn value_and_gradient(&self, change: &DVector<f64>) -> Option<(f64, DVector<f64>)> {
-        let at = self.near.projection(change).ok()?;
-        let (joint, gradient) = self.level.joint_and_gradient(self.samples, self.constant, &at);
-        let offset = self.offset_from_prior + change;
-        let pull = self.precision.component_mul(&offset);
-        Some((self.level.information(&joint) - 0.5 * pull.dot(&offset), gradient - pull))
+        let (value, placed) = self.value(change)?;
+        Some((value, self.gradient(change, placed)))
     }
 
     /// Inverse of the negative Hessian, from gradients to both sides along each step; `None` where the information

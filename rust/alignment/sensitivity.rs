@@ -17,7 +17,7 @@ use super::newton::{HALF_WIDTH, unit_steps};
 use super::projection::{Neighbourhood, Projection};
 use super::sample::{Sample, Weights};
 use super::selection::{Selection, in_view};
-use super::slopes::{Slopes, Split};
+use super::slopes::{Placed, Split};
 use super::variables::{Estimate, MAX_VARIABLES, Variables};
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
@@ -135,11 +135,10 @@ impl Problem<'_> {
         here: &Projection<'_>,
         square_of: impl Fn(&Point2<f64>) -> [u32; 2],
     ) -> BTreeMap<[u32; 4], DVector<f64>> {
-        let (mut joint, chunks) = self.level.joint_and_mixed(self.samples, here, Weights::WhereItLands);
-        joint.merge(self.constant);
+        let Placed { joint, mixed, .. } = self.placed(here);
         let (total, values) = (self.level.total(&joint), self.level.values(&joint));
         let mut sums: BTreeMap<[u32; 4], [f64; MAX_VARIABLES]> = BTreeMap::new();
-        for mixed in chunks.iter().flatten() {
+        for mixed in mixed.iter().flatten() {
             let [row, column] = square_of(&mixed.pixel);
             let part = [mixed.sample.frame, row, column, u32::from(mixed.sample.class)];
             self.level.add_score(mixed, here, &values, sums.entry(part).or_insert([0.0; MAX_VARIABLES]));
@@ -178,6 +177,10 @@ impl Problem<'_> {
         })
     }
 
+    fn placed<'p>(&self, at: &Projection<'p>) -> Placed<'p> {
+        self.level.placed(self.samples, self.constant, at.clone(), Weights::WhereItLands)
+    }
+
     /// Contributions to the gradient at some projection, with the points and weights chosen at the pose.
     fn gradients(&self, at: &Projection<'_>) -> Shares<DMatrix<f64>> {
         let observations = &self.level.observations;
@@ -185,13 +188,12 @@ impl Problem<'_> {
         let num_classes = observations.num_point_classes + of_images;
         let mut of_frames = DMatrix::zeros(self.n, self.level.maps.len());
         let mut of_classes = DMatrix::zeros(self.n, num_classes);
-        let (weights, split) = (Weights::WhereItLands, Split::FramesAndClasses);
-        let Slopes { joint, parts } = self.level.slopes(self.samples, self.constant, at, weights, split);
-        for ((frame, class), gradient) in parts {
+        let placed = self.placed(at);
+        for ((frame, class), gradient) in self.level.slopes(&placed, Split::FramesAndClasses) {
             of_frames.column_mut(frame).add_assign(&gradient);
             of_classes.column_mut(class).add_assign(&gradient);
         }
-        let total = self.level.total(&joint).max(1.0);
+        let total = self.level.total(&placed.joint).max(1.0);
         Shares { of_frames: of_frames / total, of_classes: of_classes / total }
     }
 

@@ -26,12 +26,13 @@ pub(super) enum Split {
 /// Frame and class of points; both are 0 if all points form one part.
 pub(super) type Part = (usize, usize);
 
-/// The histogram of points at a projection, and the derivatives of the information there.
-pub(super) struct Slopes {
+/// Where points land at a projection.
+pub(super) struct Placed<'a> {
+    pub at: Projection<'a>,
+    /// Joint histogram of the points, and of the pairs that do not change.
     pub joint: JointHistogram,
-    /// Contributions of parts of the points to the gradient, times the weight of all points. A part may occur
-    /// several times.
-    pub parts: Vec<(Part, DVector<f64>)>,
+    /// In chunks, the points on several classes, by which the histogram changes.
+    pub mixed: Vec<Vec<Mixed>>,
 }
 
 impl Level {
@@ -43,38 +44,43 @@ impl Level {
         constant: &JointHistogram,
         at: &Projection<'_>,
     ) -> (JointHistogram, DVector<f64>) {
-        let Slopes { joint, parts } = self.slopes(samples, constant, at, Weights::AtAnchor, Split::Whole);
-        let none = DVector::zeros(at.num_variables());
-        let sum = parts.iter().fold(none, |sum, (_, gradient)| sum + gradient);
-        let total = f64::max(self.total(&joint), 1.0);
-        (joint, sum / total)
+        let placed = self.placed(samples, constant, at.clone(), Weights::AtAnchor);
+        let gradient = self.gradient(&placed);
+        (placed.joint, gradient)
     }
 
-    /// Computes the joint histogram and the gradient with given weights, and the gradient in parts.
-    pub fn slopes(
+    /// Places points at a projection, beside the `constant` pairs.
+    pub fn placed<'a>(
         &self,
         samples: &[Sample],
         constant: &JointHistogram,
-        at: &Projection<'_>,
+        at: Projection<'a>,
         weights: Weights,
-        split: Split,
-    ) -> Slopes {
-        with_width!(at.num_variables(), WIDTH => {
-            self.slopes_of::<WIDTH>(samples, constant, at, weights, split)
-        })
+    ) -> Placed<'a> {
+        let (mut joint, mixed) = self.joint_and_mixed(samples, &at, weights);
+        joint.merge(constant);
+        Placed { at, joint, mixed }
+    }
+
+    /// Gradient of [`Level::information`], nats per metre, per radian, and per unit of the other variables.
+    pub fn gradient(&self, placed: &Placed) -> DVector<f64> {
+        let none = DVector::zeros(placed.at.num_variables());
+        let sum = self.slopes(placed, Split::Whole).iter().fold(none, |sum, (_, gradient)| sum + gradient);
+        sum / f64::max(self.total(&placed.joint), 1.0)
+    }
+
+    /// Contributions of parts of the points to the gradient, times the weight of all points. A part may occur several
+    /// times.
+    pub fn slopes(&self, placed: &Placed, split: Split) -> Vec<(Part, DVector<f64>)> {
+        with_width!(placed.at.num_variables(), WIDTH => self.slopes_of::<WIDTH>(placed, split))
     }
 
     fn slopes_of<const WIDTH: usize>(
         &self,
-        samples: &[Sample],
-        constant: &JointHistogram,
-        at: &Projection<'_>,
-        weights: Weights,
+        Placed { at, joint, mixed }: &Placed,
         split: Split,
-    ) -> Slopes {
-        let (mut joint, mixed) = self.joint_and_mixed(samples, at, weights);
-        joint.merge(constant);
-        let values = self.values(&joint);
+    ) -> Vec<(Part, DVector<f64>)> {
+        let values = self.values(joint);
         let of_chunk = |chunk: &Vec<Mixed>| {
             let mut parts: Vec<(Part, [f64; WIDTH])> = Vec::new();
             for (index, mixed) in chunk.iter().enumerate() {
@@ -97,9 +103,7 @@ impl Level {
         };
         let n = at.num_variables();
         let of_part = |(part, sum): (Part, [f64; WIDTH])| (part, DVector::from_column_slice(&sum[..n]));
-        let parts =
-            mixed.par_iter().flat_map_iter(|chunk| of_chunk(chunk).into_iter().map(of_part)).collect();
-        Slopes { joint, parts }
+        mixed.par_iter().flat_map_iter(|chunk| of_chunk(chunk).into_iter().map(of_part)).collect()
     }
 
     /// Adds the contribution of a point on several classes to the gradient, times the weight of all points.

@@ -8,7 +8,7 @@ use nalgebra::Point2;
 use super::averaging::{
     Averaged, Dense, FAINT, WHOLE, amounts, averaged_classes, averaged_shares, blurred_classes, num_classes,
 };
-use super::sampled::{Corners, Sampled, Shares};
+use super::sampled::{Corners, Sampled, Shares, amount};
 use crate::classes::{ClassShares, NO_CLASS, Share};
 use crate::label_image::LabelImage;
 
@@ -55,7 +55,6 @@ impl Blocks {
             }),
             Self::Dense { shares, num_classes, .. } => {
                 let corners = around.map(|index| &shares[index * num_classes..][..*num_classes]);
-                let amount = |corner: &[u8]| corner.iter().map(|&share| u32::from(share)).sum::<u32>();
                 (Corners::Dense(corners), corners.map(|corner| f64::from(amount(corner))))
             }
         }
@@ -326,13 +325,15 @@ mod tests {
 
     #[test]
     fn levels_are_averaged_as_classes_are_and_may_be_none() {
-        let ids = vec![0, 1, 3, 3, 1, 1, 3, 3, 0, NO_CLASS, 2, 0];
-        let image = Arc::new(LabelImage { width: 4, height: 3, ids });
+        // Two times as many classes as are taken at once, and a few; three rows of blocks.
+        let ids = (0..36).map(|pixel| if pixel == 20 { NO_CLASS } else { (7 * pixel % 19) as u8 }).collect();
+        let values: [f64; 19] = std::array::from_fn(|class| (class as f64).sin());
+        let image = Arc::new(LabelImage { width: 6, height: 6, ids });
         let (levels, classes) = (ShareMap::of_levels(&image, 2), blocks_of_two((*image).clone()));
-        for u in [-1.0, 0.4, 1.1, 2.5, 4.0] {
+        for (u, v) in [-1.0, 0.9, 1.4, 2.7, 4.1, 6.0].into_iter().flat_map(|u| [(u, 1.3), (u, 3.9)]) {
             let under = |map: &ShareMap| {
-                let mut shares = [0.0; 4];
-                let sampled = map.at(&Point2::new(u, 0.7));
+                let mut shares = [0.0; 19];
+                let sampled = map.at(&Point2::new(u, v));
                 sampled.add_to(&mut shares, 1.0);
                 (shares, sampled.total())
             };
@@ -343,8 +344,8 @@ mod tests {
                 "{u}: {of_levels:?} {of_classes:?}"
             );
             assert!((of_levels.1 - of_classes.1).abs() < 1e-12);
-            let gradient = |map: &ShareMap| match map.at(&Point2::new(u, 0.7)) {
-                Sampled::Mixed(shares) => shares.gradient(&[0.3, -1.0, 2.0, 0.7]),
+            let gradient = |map: &ShareMap| match map.at(&Point2::new(u, v)) {
+                Sampled::Mixed(shares) => shares.gradient(&values),
                 Sampled::Uniform(_) => Vector2::zeros(),
             };
             assert!((gradient(&levels) - gradient(&classes)).norm() < 1e-12);

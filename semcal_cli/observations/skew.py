@@ -18,7 +18,8 @@ import numpy.typing as npt
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.observations import LabelledCloud, Observations
+from semcal_cli.threads import thread_pool
 
 MIN_LEVEL = 0.5
 """Smallest part of the view across the axis about which the LiDAR turns: a camera that looks up or down is never
@@ -92,10 +93,11 @@ class Skew(NamedTuple):
         """
         if speed_m_s == 0.0:
             return observations
-        clouds = []
-        # The frames by one cue follow those by another.
-        for cloud, moment_s in zip(observations.clouds, cycle(self.moments_s), strict=False):
+
+        def deskewed(cloud: LabelledCloud, moment_s: float) -> LabelledCloud:
             since_s = self.spin.times(observations.rays(cloud.points)) - moment_s
-            moved = cloud.points + np.float32(speed_m_s * since_s[:, None]) * self.view
-            clouds.append(cloud.with_points(moved))
-        return observations.with_clouds(clouds)
+            return cloud.with_points(cloud.points + np.float32(speed_m_s * since_s[:, None]) * self.view)
+
+        with thread_pool() as pool:
+            # The frames by one cue follow those by another.
+            return observations.with_clouds(pool.map(deskewed, observations.clouds, cycle(self.moments_s)))
