@@ -58,7 +58,7 @@ RUNS = {
     "intrinsics.py DATA --halves --synthetic 1 --cue labels": 2,
     "confident_and_wrong.py DATA --only mirrored --synthetic 1 --cue labels": 1,
     "ray_origin.py DATA": 10,
-    "verify.py DATA --only nothing --synthetic 1": 5,
+    "verify.py DATA --only nothing --by-other --synthetic 1": 5,
     "spin.py DATA --starts 1 --only 'right camera, as recorded'": 1,
     "odometry.py --seeds 1 --points 5000": 7,
     "odometry_gain.py --only clock --seeds 1 --points 10000 --width 160": 1,
