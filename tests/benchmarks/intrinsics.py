@@ -182,14 +182,19 @@ def drives(
     data: Path, only: tuple[str, ...], cue: CueName, synthetic: int, folder: Path
 ) -> Iterator[RealDrive]:
     """List the real drives whose files allow the cue, or make synthetic ones, each with another rig."""
+
+    def is_chosen(name: str) -> bool:
+        return not only or any(part in name for part in only)
+
     if synthetic:
         for seed in range(FIRST_SEED, FIRST_SEED + synthetic):
-            path = folder / f"synthetic_{seed}"
-            street(path, seed, NUM_FRAMES, WIDTH, label_noise=NOISE)
-            yield RealDrive(f"synthetic {seed}", path)
+            name, path = f"synthetic {seed}", folder / f"synthetic_{seed}"
+            if is_chosen(name):
+                street(path, seed, NUM_FRAMES, WIDTH, label_noise=NOISE)
+                yield RealDrive(name, path)
         return
     for drive in real_drives(data, folder):
-        if drive.files_allow([cue]) and (not only or any(name in drive.name for name in only)):
+        if drive.files_allow([cue]) and is_chosen(drive.name):
             yield drive
 
 

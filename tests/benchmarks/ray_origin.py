@@ -1,6 +1,6 @@
 """Prints a Markdown table: where rays start, as found from the points of each real drive, and moved ones of KITTI.
 
-python tests/benchmarks/ray_origin.py ../shared/data
+python tests/benchmarks/ray_origin.py ../shared/data [--only NAME]
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ NUM_SWEEPS = 2
 MOVED_M = np.array([1.2, -0.3, 1.7], np.float32)
 
 
-def main(data: Path) -> Iterator[str]:
+def main(data: Path, *, only: str = "") -> Iterator[str]:
     """Print the table."""
     yield "| drive | x, m | y, m | z, m | jumps seen from 0, by those seen from there |"
     yield "|---|---|---|---|---|"
     with TemporaryDirectory() as folder:
-        for name, points in _sweeps(data.resolve(), Path(folder)):
+        for name, points in _sweeps(data.resolve(), Path(folder), only):
             found = find_ray_origin(points)
             place = " | ".join(f"{x:.2f}" for x in found.origin_m)
             yield f"| {name} | {place} | {found.roughness_stated / found.roughness:.2f} |"
 
 
-def _sweeps(data: Path, folder: Path) -> Iterator[tuple[str, list[Points]]]:
+def _sweeps(data: Path, folder: Path, only: str) -> Iterator[tuple[str, list[Points]]]:
     """Yield the first sweeps of each set of clouds, and those of KITTI object in a frame that was moved."""
     seen: set[tuple[str, ...]] = set()
     for real in real_drives(data, folder):
         drive = read_drive(real.path)
         files = tuple(frame.points for frame in drive.frames)
-        if files in seen:
+        if files in seen or only not in real.name:
             continue
         seen.add(files)
         points = [
