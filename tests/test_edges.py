@@ -314,11 +314,12 @@ def test_a_higher_maximum_beside_is_found_where_scenes_are_enough(
     lower = make_pose((0.0, 0.005, 0.0), (0.0, 0.0, 0.0)) @ street_truth
     num_evolved = list[int]()
 
-    def ascend(near: Pose, beyond: Pose, *, is_alone: bool = False, min_scenes: int = 1) -> Pose:
-        """Ascend where the polish leads each pose to itself, or to `near`, and the search to `beyond`."""
+    def ascend(near: Pose, beyond: Pose, *, polished_to: Pose | None = None, min_scenes: int = 1) -> Pose:
+        """Ascend where the polish leads each pose to itself, or all to one, and the search to `beyond`."""
 
         def polished(_: object, T_start: Pose, __: object) -> SimpleNamespace:
-            return SimpleNamespace(T_camera_lidar=near if is_alone else T_start, inverse_curvature=np.eye(6))
+            T = T_start if polished_to is None else polished_to
+            return SimpleNamespace(T_camera_lidar=T, inverse_curvature=np.eye(6))
 
         def evolved(*_: object) -> Pose:
             num_evolved.append(1)
@@ -338,8 +339,14 @@ def test_a_higher_maximum_beside_is_found_where_scenes_are_enough(
     assert len(num_evolved) == 1 + several_starts.MAX_VAIN
     assert is_same(ascend(street_truth, lower), street_truth)
     assert is_same(ascend(lower, street_truth, min_scenes=100), lower)
-    assert is_same(ascend(lower, street_truth, is_alone=True), lower)
+    assert is_same(ascend(lower, street_truth, polished_to=lower), lower)
     assert not num_evolved
+    # The polish prefers a pose a little beside the maximum, from there as from around it.
+    preferred, farther = (make_pose((0.0, angle, 0.0), (0.0, 0.0, 0.0)) @ lower for angle in (0.002, 0.02))
+    assert is_same(ascend(lower, street_truth, polished_to=preferred), lower)
+    assert not num_evolved
+    ascend(lower, street_truth, polished_to=farther)
+    assert num_evolved
 
 
 def test_the_search_around_a_pose_beside_finds_the_right_one(seen: Observations, street_truth: Pose) -> None:
