@@ -57,7 +57,7 @@ RUNS = {
     "real_drives.py DATA --starts 1 --only 'nuScenes back left' --pairs 1 --cue edges --cue segments,edges": 2,
     "intrinsics.py DATA --halves --synthetic 1 --cue labels": 2,
     "confident_and_wrong.py DATA --only mirrored --synthetic 1 --cue labels": 1,
-    "ray_origin.py DATA --only OpenCalib": 2,
+    "ray_origin.py DATA --only 'KITTI object'": 2,
     "verify.py DATA --only nothing --by-other --synthetic 1": 5,
     "spin.py DATA --starts 1 --only 'right camera, as recorded'": 1,
     "odometry.py --seeds 1 --points 5000": 7,

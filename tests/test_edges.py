@@ -342,7 +342,7 @@ def test_a_higher_maximum_beside_is_found_where_scenes_are_enough(
     assert is_same(ascend(lower, street_truth, polished_to=lower), lower)
     assert not num_evolved
     # The polish prefers a pose a little beside the maximum, from there as from around it.
-    preferred, farther = (make_pose((0.0, angle, 0.0), (0.0, 0.0, 0.0)) @ lower for angle in (0.002, 0.02))
+    preferred, farther = (make_pose((0.0, angle, 0.0), (0.0, 0.0, 0.0)) @ lower for angle in (0.0015, 0.02))
     assert is_same(ascend(lower, street_truth, polished_to=preferred), lower)
     assert not num_evolved
     ascend(lower, street_truth, polished_to=farther)

@@ -23,7 +23,7 @@ NUM_SWEEPS = 2
 MOVED_M = np.array([1.2, -0.3, 1.7], np.float32)
 
 
-def main(data: Path, *, only: str = "") -> Iterator[str]:
+def main(data: Path, *, only: tuple[str, ...] = ()) -> Iterator[str]:
     """Print the table."""
     yield "| drive | x, m | y, m | z, m | jumps seen from 0, by those seen from there |"
     yield "|---|---|---|---|---|"
@@ -34,13 +34,15 @@ def main(data: Path, *, only: str = "") -> Iterator[str]:
             yield f"| {name} | {place} | {found.roughness_stated / found.roughness:.2f} |"
 
 
-def _sweeps(data: Path, folder: Path, only: str) -> Iterator[tuple[str, list[Points]]]:
+def _sweeps(data: Path, folder: Path, only: tuple[str, ...]) -> Iterator[tuple[str, list[Points]]]:
     """Yield the first sweeps of each set of clouds, and those of KITTI object in a frame that was moved."""
     seen: set[tuple[str, ...]] = set()
     for real in real_drives(data, folder):
+        if only and not any(name in real.name for name in only):
+            continue
         drive = read_drive(real.path)
         files = tuple(frame.points for frame in drive.frames)
-        if files in seen or only not in real.name:
+        if files in seen:
             continue
         seen.add(files)
         points = [

@@ -4,9 +4,9 @@
     python tests/benchmarks/verify.py DATA --by-other --synthetic 0 --directions 3
 
 Real drives are the KITTI sets, by edges; synthetic ones have a lens each, also fisheyes, by labels. Each is verified
-with the true transform and with ones that are turned or moved about random axes. For real drives, the published pose
-stands for the truth, or with `--by-other`, the pose that semcal finds on the other set of the same camera. The
-estimate is made anew each time, starting at the transform. Prints a Markdown table of the verdicts.
+with the true transform and with ones that are turned about, or moved along, random axes. For real drives, the
+published pose stands for the truth, or with `--by-other`, the pose that semcal finds on the other set of the same
+camera. The estimate is made anew each time, starting at the transform. Prints a Markdown table of the verdicts.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from real_data import real_drives
 
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import displace
@@ -54,8 +55,10 @@ def drives(
     }
     by_name = {name: name for name in real}
     if by_other:
-        first, second = (next(name for name in real if name.startswith(start)) for start in OF_ONE_CAMERA)
-        by_name = {first: second, second: first}
+        pair = [name for start in OF_ONE_CAMERA for name in real if name.startswith(start)]
+        if len(pair) != len(OF_ONE_CAMERA):
+            raise InputError(f"{data}: --by-other needs {' and '.join(OF_ONE_CAMERA)}")
+        by_name = dict(zip(pair, reversed(pair), strict=True))
     for name, other in by_name.items():
         if not only or any(part in name for part in only):
             T = _calibrated(real[other]) if by_other else np.array(real[name].T_camera_lidar)

@@ -29,8 +29,8 @@ chance."""
 NUM_POLISHED = 3
 """Number of the best ends that are polished."""
 BESIDE, FIRST_ROUNDS = ((0.12, 0.032), (0.19, 0.051), (0.26, 0.07)), 2
-"""Distances, degrees and metres, of poses beside a maximum, and rounds of the polishes that start there. If all of them
-lead back, the maximum is alone. On KITTI and synthetic streets they do, so that nothing is searched there."""
+"""Distances, degrees and metres, of poses beside a maximum, and rounds of the first polishes that start there. Their
+ends tell whether the maximum is alone. On three KITTI sets it is, so that nothing is searched there."""
 SAME_DEG, SAME_M = 0.05, 0.015
 """Poses within this distance are at the same maximum, or on the way to it. With twice the distance, an earlier climb by
 polishes stayed 22 cm off on a street of KITTI-360."""
@@ -205,9 +205,8 @@ class SeveralStarts:
     def _climb_beside(self, best: core.Aligned, visible_only: bool) -> core.Aligned:
         """Search around the best maximum for a higher one, then around that, until a search finds none.
 
-        Maxima are often a few pixels apart, and following the slope does not lead from one to the next. A maximum to
-        which polishes from poses beside it lead back is kept. Where information has a sign, the end also needs half of
-        that of the best maximum.
+        Maxima are often a few pixels apart, and following the slope does not lead from one to the next. A maximum that
+        is alone is kept. Where information has a sign, the end also needs half of that of the best maximum.
         """
         rng, T_best = np.random.default_rng(self.seed), best.T_camera_lidar
         if self._is_alone(T_best, rng):
@@ -236,8 +235,8 @@ class SeveralStarts:
     def _is_alone(self, T_camera_lidar: Pose, rng: np.random.Generator) -> bool:
         """Whether polishes from poses beside a maximum lead back to it.
 
-        The polish prefers other poses than the information by a little. Where they do not lead back, they may therefore
-        also end where a polish of the maximum itself does, if that is near.
+        The polish prefers a pose that may be a little beside the maximum of the information. Polishes that do not lead
+        back at once, but at their end to where one of the maximum itself leads, count alike.
         """
         T_polished: Pose | None = None
         for distance in BESIDE:
@@ -246,7 +245,7 @@ class SeveralStarts:
                 continue
             if T_polished is None:
                 T_polished = self._polish(T_camera_lidar)
-                if not _is_within(T_polished, T_camera_lidar, MEETING_DEG, MEETING_M):
+                if not _is_within(T_polished, T_camera_lidar, 2.0 * SAME_DEG, 2.0 * SAME_M):
                     return False
             if not _is_within(self._polish(T_end), T_polished, SAME_DEG, SAME_M):
                 return False
