@@ -4,9 +4,6 @@ use nalgebra::Vector2;
 
 use crate::classes::{NO_CLASS, Share};
 
-/// Number of classes of a dense block that loops take at once: a fixed number, so that the compiler vectorises them.
-const LANES: usize = 8;
-
 /// The neighbourhood of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub enum Sampled<'a> {
@@ -91,21 +88,12 @@ impl Shares<'_> {
                     }
                 }
             }
-            Corners::Dense(corners) => {
+            Corners::Dense([a, b, c, d]) => {
                 let [of_a, of_b, of_c, of_d] = weights;
-                let mean = |a: u8, b: u8, c: u8, d: u8| {
+                let corners = a.iter().zip(b).zip(c.iter().zip(d));
+                for (sum, ((&a, &b), (&c, &d))) in classes.iter_mut().zip(corners) {
                     let above = of_a * f64::from(a) + of_b * f64::from(b);
-                    above + (of_c * f64::from(c) + of_d * f64::from(d))
-                };
-                let (sums, last) = classes[..corners[0].len()].as_chunks_mut::<LANES>();
-                let corners = corners.map(|corner| corner.as_chunks::<LANES>());
-                for (place, sums) in sums.iter_mut().enumerate() {
-                    let [a, b, c, d] = corners.map(|(lanes, _)| &lanes[place]);
-                    (0..LANES).for_each(|i| sums[i] += mean(a[i], b[i], c[i], d[i]));
-                }
-                let [a, b, c, d] = corners.map(|(_, last)| last);
-                for (i, sum) in last.iter_mut().enumerate() {
-                    *sum += mean(a[i], b[i], c[i], d[i]);
+                    *sum += above + (of_c * f64::from(c) + of_d * f64::from(d));
                 }
             }
         }
@@ -117,7 +105,9 @@ impl Shares<'_> {
             Corners::Sparse(corners) => corners.map(|corner| {
                 corner.iter().map(|share| values[usize::from(share.class)] * f64::from(share.amount)).sum()
             }),
-            Corners::Dense(corners) => corners.map(|corner| dot(corner, &values[..corner.len()])),
+            Corners::Dense(corners) => corners.map(|corner| {
+                corner.iter().zip(values).map(|(&amount, value)| value * f64::from(amount)).sum::<f64>()
+            }),
         };
         // The sum over classes, and the labelled share, of each corner.
         let sums: [Vector2<f64>; 4] = std::array::from_fn(|i| Vector2::new(sums[i], self.amounts[i]));
@@ -125,31 +115,11 @@ impl Shares<'_> {
         let (above, below) = (a.lerp(&b, self.right), c.lerp(&d, self.right));
         let (left, right) = (a.lerp(&c, self.down), b.lerp(&d, self.down));
         let middle = above.lerp(&below, self.down);
-        let per_share = 1.0 / middle.y;
-        let mean = middle.x * per_share;
-        let along = |change: Vector2<f64>| (change.x - change.y * mean) * per_share * self.per_pixel;
+        let along =
+            |change: Vector2<f64>| (change.x - change.y * middle.x / middle.y) / middle.y * self.per_pixel;
         Vector2::new(
             if self.moves.0 { along(right - left) } else { 0.0 },
             if self.moves.1 { along(below - above) } else { 0.0 },
         )
     }
-}
-
-/// Sum of the values of classes times their shares.
-fn dot(shares: &[u8], values: &[f64]) -> f64 {
-    let (share_lanes, last_shares) = shares.as_chunks::<LANES>();
-    let (value_lanes, last_values) = values.as_chunks::<LANES>();
-    let mut sums = [0.0; LANES];
-    for (shares, values) in share_lanes.iter().zip(value_lanes) {
-        (0..LANES).for_each(|i| sums[i] += values[i] * f64::from(shares[i]));
-    }
-    let last = last_shares.iter().zip(last_values).map(|(&share, value)| value * f64::from(share));
-    sums.iter().sum::<f64>() + last.sum::<f64>()
-}
-
-/// Sum of shares, in 1/255.
-pub(super) fn amount(shares: &[u8]) -> u32 {
-    let (lanes, last) = shares.as_chunks::<LANES>();
-    let sum = |shares: &[u8]| shares.iter().map(|&share| u32::from(share)).sum::<u32>();
-    lanes.iter().map(|lane| sum(lane)).sum::<u32>() + sum(last)
 }

@@ -8,7 +8,7 @@ use nalgebra::Point2;
 use super::averaging::{
     Averaged, Dense, FAINT, WHOLE, amounts, averaged_classes, averaged_shares, blurred_classes, num_classes,
 };
-use super::sampled::{Corners, Sampled, Shares, amount};
+use super::sampled::{Corners, Sampled, Shares};
 use crate::classes::{ClassShares, NO_CLASS, Share};
 use crate::label_image::LabelImage;
 
@@ -55,6 +55,7 @@ impl Blocks {
             }),
             Self::Dense { shares, num_classes, .. } => {
                 let corners = around.map(|index| &shares[index * num_classes..][..*num_classes]);
+                let amount = |corner: &[u8]| corner.iter().map(|&share| u32::from(share)).sum::<u32>();
                 (Corners::Dense(corners), corners.map(|corner| f64::from(amount(corner))))
             }
         }
@@ -325,7 +326,7 @@ mod tests {
 
     #[test]
     fn levels_are_averaged_as_classes_are_and_may_be_none() {
-        // Two times as many classes as are taken at once, and a few; three rows of blocks.
+        // Three rows of blocks, so that all four around a pixel count.
         let ids = (0..36).map(|pixel| if pixel == 20 { NO_CLASS } else { (7 * pixel % 19) as u8 }).collect();
         let values: [f64; 19] = std::array::from_fn(|class| (class as f64).sin());
         let image = Arc::new(LabelImage { width: 6, height: 6, ids });
