@@ -212,11 +212,11 @@ ORDERS = {
     "calibrate C": "semcal calibrate DRIVE|RECORDING|DATASET",
     "inspect C": "semcal inspect DRIVE",
     "refine C --init C": "semcal refine DRIVE --init FILE",
-    "verify C C": "semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]",
+    "verify C C": "semcal verify DRIVE|RECORDING|DATASET|RIG [CALIBRATION]",
     "report C D -o O.html": "semcal report DRIVE CALIBRATION -o FILE",
     "overlay C D -o O": "semcal overlay DRIVE CALIBRATION",
     "export rerun C D -o O.rrd": "semcal export rerun DRIVE [CALIBRATION] -o FILE",
-    "verify D D": "semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]",
+    "verify D D": "semcal verify DRIVE|RECORDING|DATASET|RIG [CALIBRATION]",
     "compare C D": "",
 }
 """Commands with a calibration C or a drive D without a reference in a wrong place, and the order that they tell."""

@@ -32,12 +32,12 @@ from semcal_cli.experiments import experiment_run
 from semcal_cli.files import point_clouds, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.findings.check import Check
+from semcal_cli.findings.symptoms import LOOKS_LIKE
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
 from semcal_cli.importing import kitti_360_windows, sweep_odometry as odometry
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.many.batch import records
-from semcal_cli.pipeline.verification import LOOKS_LIKE
 from semcal_cli.schemas import MODELS, schema_file
 
 DOCS = ROOT / "docs"

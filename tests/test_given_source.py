@@ -113,7 +113,7 @@ def test_a_file_gives_the_intrinsics_that_a_recording_lacks(tmp_path: Path, cli:
 def test_a_recording_in_the_place_of_a_calibration_is_told_with_the_order(tmp_path: Path, cli: Cli) -> None:
     path = small(tmp_path, "mcap library")
     code, _, err = cli("verify", tmp_path / "c.yaml", path)
-    order = "the order is `semcal verify DRIVE|RECORDING|DATASET [CALIBRATION]`"
+    order = "the order is `semcal verify DRIVE|RECORDING|DATASET|RIG [CALIBRATION]`"
     assert (code, err) == (
         1,
         f"semcal: error: {path}: found a recording, expected a calibration; {order}\n",

@@ -167,10 +167,10 @@ def test_a_rig_is_known_by_its_content(text: str, tmp_path: Path) -> None:
 
 def test_other_commands_want_the_drive_of_one_camera(rig: Path, tmp_path: Path) -> None:
     for path in (rig, rig.parent):
-        result = invoke("verify", path, rig.parent / "camera_0")
+        result = invoke("initialize", path, "-o", tmp_path / "initial.yaml")
         assert str(result.exception) == (
-            f"{rig}: found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, expected "
-            "the drive of one of its cameras"
+            f"{rig}: found a rig, which only `semcal calibrate`, `verify`, `inspect`, `report` and `overlay` accept, "
+            "expected the drive of one of its cameras"
         )
 
 

@@ -24,6 +24,7 @@ from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text
+from semcal_cli.findings.symptoms import LOOKS_LIKE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
@@ -33,7 +34,7 @@ from semcal_cli.geometry.poses import (
     quaternion_xyzw,
 )
 from semcal_cli.pipeline.verdict import figures, judge, overall_offsets, sufficient_limits
-from semcal_cli.pipeline.verification import LOOKS_LIKE, recognise
+from semcal_cli.pipeline.verification import recognise
 from semcal_cli.result.calibration_document import read_calibration, write_calibration
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4

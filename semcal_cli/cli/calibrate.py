@@ -9,6 +9,7 @@ import click
 
 from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.label import label_on_the_way
+from semcal_cli.cli.rules import CHOSEN_FRAMES
 from semcal_cli.cli.settings import command
 from semcal_cli.errors import NoStartError, shell
 
@@ -37,7 +38,7 @@ def calibrate(settings: CalibrateSettings) -> None:
         from semcal_cli.cli.rig import calibrate_rig
 
         if settings.has_chosen_frames:
-            raise click.UsageError("--frames, --exclude: found a rig, expected the drive of one camera.")
+            raise click.UsageError(CHOSEN_FRAMES)
         sys.exit(calibrate_rig(rig, settings if _has_output() else replace(settings, output=None)))
     drive, is_imported = settings.read_drive(), settings.drive != given.drive
     try:

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from semcal_cli.cli.options import ResultSettings, RunSettings
     from semcal_cli.config import CalibrationConfig
     from semcal_cli.estimation.search.initial_pose import InitialPose
+    from semcal_cli.files.point_clouds import SweepCache
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.many.rig.rig_calibration import RigCalibration
     from semcal_cli.pipeline.verdict import Verdict
@@ -385,6 +386,7 @@ def loaded_drive(
     config: CalibrationConfig,
     outputs: Outputs,
     initial_pose: InitialPose | None = None,
+    sweeps: SweepCache | None = None,
     *,
     as_result_sees: bool = False,
 ) -> Iterator[tuple[LoadedDrive, Terminal]]:
@@ -395,6 +397,7 @@ def loaded_drive(
         config: Settings of a calibration, which determine what is read.
         outputs: Output files, which are checked before any long work begins.
         initial_pose: Pose to start from, whose file no output may replace.
+        sweeps: Sweeps that were read before.
         as_result_sees: Whether the drive gets the camera and the clock that were estimated together with the initial
             pose, and is loaded by the cues of that calibration unless others are requested.
 
@@ -411,6 +414,6 @@ def loaded_drive(
             terminal.print_changes(applied.changes)
             spec = applied.drive
             config = replace(config, cues=cues_applied(initial_pose.record, config.cues, spec))
-        data = load(spec, config, terminal.on_event)
+        data = load(spec, config, terminal.on_event, sweeps)
         outputs.check_images(data.drive)
         yield data, terminal

@@ -17,6 +17,8 @@ COMMANDLINE, DEFAULT_MAP = click.core.ParameterSource.COMMANDLINE, click.core.Pa
 
 FOR_ONE_CAMERA = "is for one camera, but {} is a rig"
 """Why an option is refused with a rig."""
+CHOSEN_FRAMES = "--frames, --exclude: found a rig, expected the drive of one camera."
+"""Why frames of a rig cannot be chosen, which a file of options may ask for, too."""
 
 
 def given_parameters(context: click.Context) -> list[click.Parameter]:

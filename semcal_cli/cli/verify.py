@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.calibrate_options import RecordingSettings
-from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
+from semcal_cli.cli.ci import CiReport, Inconclusive, errors_reported
 from semcal_cli.cli.convert import DIRECTION
 from semcal_cli.cli.options import (
     MAX_LIMIT,
@@ -22,19 +22,21 @@ from semcal_cli.cli.options import (
     inconclusive_choice,
     json_flag,
 )
-from semcal_cli.cli.rules import none_of
+from semcal_cli.cli.rules import CHOSEN_FRAMES, FOR_ONE_CAMERA, none_of, refuse
 from semcal_cli.cli.settings import argument, command, option, output_file, setting_of
 from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.config.directions import Direction
-from semcal_cli.errors import InputError, MisplacedError, shell
+from semcal_cli.errors import CalibrationError, InputError, MisplacedError, SemcalError, shell
 
 if TYPE_CHECKING:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.estimation.search.initial_pose import InitialPose
+    from semcal_cli.files.point_clouds import SweepCache
+    from semcal_cli.many.rig.rig_document import Rig
+    from semcal_cli.many.rig.rig_verification import RigVerification
     from semcal_cli.observations.loading import LoadedDrive
-    from semcal_cli.pipeline.verdict import AxisVerdict
     from semcal_cli.pipeline.verification import Verification
 
 
@@ -44,7 +46,7 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
 
     rules = [none_of("--cue features", because="feature vectors have no histogram")]
     takes_recordings = True
-    drive: Path = argument(metavar="DRIVE|RECORDING|DATASET")
+    drive: Path = argument(metavar="DRIVE|RECORDING|DATASET|RIG")
     calibration: Path | None = argument()
     direction: Direction | None = option(DIRECTION.format("CALIBRATION"))
     max_delay_ms: float | None = option(
@@ -113,12 +115,17 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
         _ = self.initial_pose
 
 
+OF_ONE_CAMERA = ("--direction", "--report")
+"""Options that make sense for a single camera only."""
+
+
 @command(VerifySettings)
 def verify(settings: VerifySettings) -> None:
     """Verify the transform in CALIBRATION on DRIVE. CALIBRATION is {KNOWN_TRANSFORMS}.
 
     Without CALIBRATION, verify the transform that the drive, the recording (/tf_static) or the data set
     states. A recording (.mcap, .bag, .db3, or a folder of them) or a data set becomes a temporary drive.
+    For a rig.yaml, verify each camera; CALIBRATION is then the folder that semcal calibrate wrote.
 
     The pose is estimated again, starting from the transform. The limits hold along and about each
     axis of the camera, and in total; --max-delay-ms adds one for the time offset.
@@ -129,48 +136,115 @@ def verify(settings: VerifySettings) -> None:
     Exit code 0: every check passes. 3: an offset is beyond its limit, with a certainty of 95 %.
     4: the data are inconclusive; --inconclusive changes this code.
     """
-    from semcal_cli.cli.given_source import temporary_drive
-    from semcal_cli.cli.outputs import Outputs, loaded_drive
+    from semcal_cli.cli.verdicts import cases_of, print_rig_verification, print_verification
     from semcal_cli.files.output_files import write_text
-    from semcal_cli.pipeline.verification import verify as check
+    from semcal_cli.importing.recognition import recognise
+    from semcal_cli.many.rig.rig_document import find_rig
+    from semcal_cli.many.rig.rig_verification import RigVerification
 
     start, read = perf_counter(), [*filter(None, (settings.drive, settings.calibration))]
     subject = ", ".join(map(str, read))
-    # The JUnit file must not replace an input; neither must a log.
-    outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
     with errors_reported("verify", subject, settings.junit, read):
-        settings.check()
-        with temporary_drive(settings, settings.terminal(), settings.junit, settings.page) as drive:
-            given = None if drive == settings.drive else settings.drive
-            imported = replace(settings, drive=drive, given=given)
-            pose, config = imported.initial_pose, imported.config
-            with loaded_drive(imported, config, outputs, pose, as_result_sees=True) as (data, terminal):
-                verification = check(data, pose, settings.limits, config, terminal.on_event)
-                if outputs.is_illustrated:
-                    _illustrate(verification, data, pose, outputs, terminal, given)
-    cases = [Case.of_check(check) for check in verification.checks]
-    if verification.is_reasoned:
-        # No check is judged, so CI counts the drive as a whole.
-        cases = [Case("transform", verification.verdict, "; ".join(verification.reasons))]
-    seconds = perf_counter() - start
+        is_drive = settings.drive.exists() and recognise(settings.drive) is None
+        rig = find_rig(settings.drive) if is_drive else None
+        if rig is None:
+            settings.check()
+            verification: Verification | RigVerification = _verify_given(settings)
+        else:
+            verification = _verify_rig(rig, settings)
     report = CiReport(
         "verify",
         subject,
         verification.verdict,
-        cases,
+        cases_of(verification),
         verification.reasons,
         verification.topics,
-        seconds,
+        perf_counter() - start,
         settings.inconclusive,
     )
     if settings.junit is not None:
         write_text(report.junit(), settings.junit)
     if settings.as_json:
         click.echo(json.dumps(verification.document, allow_nan=False))
+    elif isinstance(verification, RigVerification):
+        print_rig_verification(verification, verbose=settings.verbose)
     else:
-        _print(verification, verbose=settings.verbose)
+        print_verification(verification, verbose=settings.verbose)
     report.tell_github()
+    if isinstance(verification, RigVerification) and verification.failures:
+        raise CalibrationError(verification.failure)
     sys.exit(report.exit_code)
+
+
+def _verify_given(settings: VerifySettings) -> Verification:
+    """Verify the transform of one camera on a drive, a recording or a data set."""
+    from semcal_cli.cli.given_source import temporary_drive
+    from semcal_cli.cli.outputs import Outputs
+
+    # The JUnit file must not replace an input; neither must a log.
+    outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
+    with temporary_drive(settings, settings.terminal(), settings.junit, settings.page) as drive:
+        given = None if drive == settings.drive else settings.drive
+        return _verify_drive(replace(settings, drive=drive, given=given), outputs)
+
+
+def _verify_drive(
+    settings: VerifySettings, outputs: Outputs, sweeps: SweepCache | None = None
+) -> Verification:
+    """Verify a transform on a drive, and draw what is requested.
+
+    Args:
+        settings: The drive, the transform and the limits.
+        outputs: Files to write.
+        sweeps: Sweeps that several cameras share.
+    """
+    from semcal_cli.cli.outputs import loaded_drive
+    from semcal_cli.pipeline.verification import verify as check
+
+    pose, config = settings.initial_pose, settings.config
+    with loaded_drive(settings, config, outputs, pose, sweeps, as_result_sees=True) as (data, terminal):
+        verification = check(data, pose, settings.limits, config, terminal.on_event)
+        if outputs.is_illustrated:
+            _illustrate(verification, data, pose, outputs, terminal, settings.given)
+    return verification
+
+
+def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
+    """Verify the cameras of a rig one after another, reading each sweep once; one that fails stops no other.
+
+    Raises:
+        click.UsageError: an option for a single camera is given.
+        InputError: the rig, a drive, a transform or an output is wrong, or a camera has no transform.
+    """
+    from semcal_cli.cli.outputs import Outputs, check_outputs
+    from semcal_cli.cli.tables import labelled
+    from semcal_cli.files.point_clouds import SweepCache
+    from semcal_cli.many.rig.rig_result import transforms_of
+    from semcal_cli.many.rig.rig_verification import RigVerification
+
+    refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(rig.path))
+    if settings.has_chosen_frames:
+        raise click.UsageError(CHOSEN_FRAMES)
+    transforms, failures = transforms_of(rig, settings.calibration, settings.max_points)
+    check_outputs([rig.path, *transforms.values()], settings.junit)
+    folder, views, sweeps, terminal = rig.path.parent, rig.views, SweepCache(), settings.terminal()
+    cameras = {
+        name: replace(settings, drive=folder / views[name].drive, calibration=path)
+        for name, path in transforms.items()
+    }
+    # All transforms are read before the first estimate.
+    stated = {name: camera.initial_pose.T_camera_lidar for name, camera in cameras.items()}
+    verifications = {}
+    for name, camera in cameras.items():
+        terminal.print(f"[{name}]")
+        images = None if settings.images is None else settings.images / name
+        try:
+            verifications[name] = _verify_drive(camera, Outputs(log=settings.junit, images=images), sweeps)
+        except SemcalError as error:
+            failures[name] = " ".join(str(error).splitlines())
+            terminal.print(labelled("failed", failures[name]))
+    lidars = {name: view.lidar for name, view in views.items()}
+    return RigVerification(stated, verifications, failures, lidars, settings.limits)
 
 
 def _illustrate(
@@ -193,42 +267,3 @@ def _illustrate(
     if outputs.images is not None:
         overlays = page.both_overlays(verification, data, initial_pose)
         terminal.print(count_images([*overlays.write_all(outputs.images)], outputs.images))
-
-
-def _print(verification: Verification, *, verbose: bool) -> None:
-    from semcal_cli.checks import precedence
-    from semcal_cli.cli.tables import shown_reasons, verdict_line, wrapped
-    from semcal_cli.cli.terminal import COLORS, make_console
-    from semcal_cli.pipeline.verdict import overall_offsets
-
-    for check in verification.checks:
-        click.echo(_check_line(check, verification.word(check)))
-    reasons = shown_reasons(verification.reasons, verification.topics, verbose=verbose)
-    rows = [*(("reason", reason) for reason in reasons), *(("note", note) for note in verification.notes)]
-    lines = [line for label, sentence in rows for line in wrapped(label, sentence)]
-    if not verification.is_reasoned:
-        lines += wrapped("", verification.sentence, indent=0)
-    click.echo("\n".join(lines))
-    num = precedence.leading(verification.topics).num
-    decisive = (
-        f"{num} reason{'s' * (num > 1)}, see above"
-        if verification.is_reasoned
-        else overall_offsets(verification.checks)[0]
-    )
-    console = make_console(stderr=False)
-    line = verdict_line(verification.verdict, decisive)
-    console.print(line, style=COLORS[verification.verdict], markup=False)
-
-
-def _check_line(check: AxisVerdict, word: str) -> str:
-    from semcal_cli.readable import for_people
-    from semcal_cli.result.uncertainty import CHECK_NAMES
-
-    text, allowed = check.text, f"{check.allowed:g} {check.unit}"
-    if text.offset:
-        half = f" +- {text.half_width}" if text.half_width else ""
-        found = f"{for_people(f'{text.offset:>9}{half}'):<18} {check.unit}"
-    else:
-        found = "not determined".rjust(19)
-    name = CHECK_NAMES.get(check.name, check.name)
-    return f"{name:<28}{found:<23}allowed {allowed:<8} {word}"

@@ -50,8 +50,8 @@ SUFFIXES = (".yaml", ".yml")
 RIG = "semcal_rig"
 """Version key of a rig."""
 RIG_FOUND = (
-    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, expected the drive of one "
-    "of its cameras"
+    "found a rig, which only `semcal calibrate`, `verify`, `inspect`, `report` and `overlay` accept, expected the "
+    "drive of one of its cameras"
 )
 EXAMPLE_RIG = f"{{{RIG}: 1, cameras: {{left: left_drive, right: right_drive}}}}"
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+LOOKS_LIKE = "looks-like"
+"""Topic of a mistake that a transform looks like, or of a displacement that those of a rig look like."""
 OF_A_WRONG_CLOCK: frozenset[str] = frozenset(
     {
         "camera-motion",

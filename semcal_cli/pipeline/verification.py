@@ -28,6 +28,7 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.events import Listener, ignore
+from semcal_cli.findings.symptoms import LOOKS_LIKE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
@@ -61,8 +62,6 @@ NEAR_DEG, NEAR_M = 5.0, 0.5
 """Rotation and distance between transform and estimate beyond which all mounting directions are searched."""
 SAME_DEG, SAME_M = 3.0, 0.3
 """Largest rotation and distance between the estimate and a transform after its supposed mistake is corrected."""
-LOOKS_LIKE = "looks-like"
-"""Topic of a mistake that the transform looks like."""
 
 SENTENCES: dict[Verdict, str] = {
     "pass": "The transform still holds on this drive.",

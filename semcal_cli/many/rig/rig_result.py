@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import InputError, listed
+from semcal_cli.errors import InputError, listed, shell
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import (
@@ -159,6 +159,44 @@ class RigFiles(NamedTuple):
     """All files of the rig and of its result, with the document of the result last."""
 
 
+def transforms_of(
+    rig: Rig, result: Path | None, max_points: int = MAX_POINTS
+) -> tuple[dict[str, Path], dict[str, str]]:
+    """Find the file that states the transform of each camera with each LiDAR.
+
+    Args:
+        rig: The rig.
+        result: Document of its result, or the folder that `semcal calibrate` wrote; None takes what the drives state.
+        max_points: Points of the largest sweep that is read.
+
+    Returns:
+        The files, and why the others have none, by the names of the results.
+
+    Raises:
+        InputError: a file is missing or wrong, the result is from another rig, or a drive states no transform.
+    """
+    drives = rig.read_drives(max_points)
+    if result is None:
+        missing = [name for name, drive in drives.items() if drive.T_camera_lidar is None]
+        if missing:
+            command = shell("verify", rig.path, "RESULTS")
+            raise InputError(
+                f"{rig.path}: found no transform of {listed(missing)} to verify; `{command}` takes those that "
+                "`semcal calibrate` wrote"
+            )
+        return {name: drive.path for name, drive in drives.items()}, {}
+    file = _document_of(result)
+    calibrated = read_rig_result(rig, drives, file)
+    failures = {
+        name: f"{file}: found no calibration of it: {why}" for name, why in calibrated.failures.items()
+    }
+    return {name: file.with_name(f"{name}.yaml") for name in calibrated.cameras}, failures
+
+
+def _document_of(result: Path) -> Path:
+    return result / f"{RESULT}.yaml" if is_folder(result) else result
+
+
 def read_rig_files(rig: Rig, result: Path, max_points: int = MAX_POINTS) -> RigFiles:
     """Read the drives of a rig, and its result.
 
@@ -170,7 +208,7 @@ def read_rig_files(rig: Rig, result: Path, max_points: int = MAX_POINTS) -> RigF
     Raises:
         InputError: a file is missing or wrong, or the result is from another rig.
     """
-    file = result / f"{RESULT}.yaml" if is_folder(result) else result
+    file = _document_of(result)
     drives = rig.read_drives(max_points)
     rig_calibration = read_rig_result(rig, drives, file)
     for name, record in rig_calibration.cameras.items():
