@@ -145,11 +145,7 @@ impl JointHistogram {
     fn marginals(&self) -> (Vec<f64>, Vec<f64>) {
         let rows: Vec<f64> =
             self.weights.chunks_exact(self.num_image_classes).map(|row| row.iter().sum()).collect();
-        let mut columns = vec![0.0; self.num_image_classes];
-        for (index, weight) in self.weights.iter().enumerate() {
-            columns[index % self.num_image_classes] += weight;
-        }
-        (rows, columns)
+        (rows, self.columns(&self.weights))
     }
 }
 

@@ -87,7 +87,6 @@ __all__ = [
     "sample_correspondences",
     "scan_grid",
     "seen_ids",
-    "segment_sweep",
     "segment_sweeps",
     "sensitivity",
     "set_num_threads",
@@ -887,15 +886,13 @@ def estimate_up(points: Sequence[_Float32]) -> Up | None:
     Returns None if no plane has nearly all returns on one side.
     """
 
-def segment_sweep(
-    points: _Float32, config: _SegmentationConfig, up: Sequence[float] | _Float64 | None = None
-) -> SegmentedSweep:
-    """Segment a sweep (N, 3), metres, LiDAR frame. Without `up` the direction is estimated from the sweep."""
-
 def segment_sweeps(
     points: Sequence[_Float32], config: _SegmentationConfig, up: Sequence[float] | _Float64 | None = None
 ) -> list[SegmentedSweep]:
-    """Segment a drive's sweeps in parallel. Without `up` the direction is estimated from all of them together."""
+    """Segment a drive's sweeps (N, 3), metres, LiDAR frame, in parallel.
+
+    Without `up`, the direction is estimated from all of them together.
+    """
 
 @final
 class Steps:

@@ -76,7 +76,6 @@ try:
         sample_correspondences as sample_correspondences,
         scan_grid as scan_grid,
         seen_ids as seen_ids,
-        segment_sweep as segment_sweep,
         segment_sweeps as segment_sweeps,
         sensitivity as sensitivity,
         set_num_threads as set_num_threads,

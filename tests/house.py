@@ -27,7 +27,7 @@ MAX_PUBLIC_NAMES = 25
 MORE_PUBLIC_NAMES = {
     "checks": 28,
     "drive": 40,
-    "estimation/uncertainty": 29,
+    "estimation/uncertainty": 28,
     "files": 84,
     "geometry": 30,
     "observations": 65,

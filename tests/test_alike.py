@@ -20,7 +20,7 @@ def test_the_share_is_of_directions_that_either_frame_sees() -> None:
     # Unseen, another range, and one within the tolerance.
     fewer[:4], fewer[4:9], fewer[9:12] = 0.0, 11.0, 10.1
     unseen = np.zeros(NUM_DIRECTIONS)
-    shares = shares_alike(ranges_of([ring(each) for each in (whole, fewer, unseen)]))
+    shares = shares_alike([ring(each) for each in (whole, fewer, unseen)])
     np.testing.assert_array_equal(shares, [[1.0, 11 / 20, 0.0], [11 / 20, 1.0, 0.0], [0.0, 0.0, 0.0]])
 
 

@@ -20,7 +20,10 @@ from semcal_cli.observations.observations import NO_CLASS, Observations
 
 
 def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    return [finding.sentence for finding in findings_among(check_consistency(observations, T_camera_lidar))]
+    return [
+        finding.sentence
+        for finding in findings_among(check_consistency(observations, T_camera_lidar, estimated_s=0.0))
+    ]
 
 
 def refined(observations: Observations, T_camera_lidar: Pose) -> Pose:

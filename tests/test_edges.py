@@ -224,6 +224,10 @@ def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
     assert data.of_cue("segments") is data.coarse_cue
     assert data.of_frames([0]).coarse_cue is not None
     assert data.of_frames([0]).coarse_cue.num_frames == 1
+    other = data.drive.camera.zoomed(1.1)
+    assert data.with_camera(other).observations.camera == other
+    assert data.with_camera(other).coarse_cue == replace(data.coarse_cue, camera=other)
+    assert data.coarse_cue.scenes == data.observations.scenes
 
 
 def test_edges_alone_want_a_start(bare: Path, tmp_path: Path) -> None:

@@ -165,7 +165,7 @@ def checked(observations: Observations, T: Pose, uncertainty: Uncertainty | None
     names = [f"{index}.bin" for index in range(observations.num_frames)]
     measured = (
         *check_rivals(observations, T, uncertainty),
-        *check_consistency(observations, T),
+        *check_consistency(observations, T, estimated_s=0.0),
         *check_frames(observations, T, names).measured,
     )
     part = fit_part(observations, range(2), T, FAR_PYRAMID)

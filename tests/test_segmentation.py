@@ -75,7 +75,8 @@ def test_up_is_found_whichever_way_the_lidar_is_mounted(way_up: str) -> None:
 def test_returns_that_are_none_have_no_segment() -> None:
     bad = np.array([[0, 0, 0], [np.nan, 1, 1], [np.inf, 0, 0], [1e38, 1e38, 1e38]], np.float32)
     points = np.concatenate([bad, sweeps(SMALL)[0][0]])
-    assert set(core.segment_sweep(points, CONFIG).ids[:4]) == {core.NO_SEGMENT}
-    empty = core.segment_sweep(np.zeros((0, 3), np.float32), CONFIG)
+    (segmented,) = core.segment_sweeps([points], CONFIG)
+    assert set(segmented.ids[:4]) == {core.NO_SEGMENT}
+    (empty,) = core.segment_sweeps([np.zeros((0, 3), np.float32)], CONFIG)
     assert empty.num_segments == len(empty.ids) == 0
     assert empty.up is None

@@ -128,14 +128,9 @@ impl<'a> JointAscent<'a> {
     fn level(&mut self, factor: usize, tolerance: f64) -> Result<f64> {
         let mut moved_px = f64::INFINITY;
         let mut is_stale = self.inverse_curvature.is_none();
-        // The blocks are averaged once for all rounds while they are held here. If only the pose changes, the
-        // observations do not.
-        let held = self.observed(factor);
-        let only_pose = self.variables.count() == 6;
+        let mut level = self.observed(factor);
         for _ in 0..self.config.max_rounds {
-            let anew = (!only_pose).then(|| self.observed(factor));
-            let level = anew.as_ref().unwrap_or(&held);
-            let Some(Round { moved, wanted, is_fresh }) = self.round(level, is_stale, tolerance)? else {
+            let Some(Round { moved, wanted, is_fresh }) = self.round(&level, is_stale, tolerance)? else {
                 break;
             };
             moved_px = moved.max(wanted) * factor as f64;
@@ -144,6 +139,11 @@ impl<'a> JointAscent<'a> {
                 break;
             }
             is_stale = moved > CURVATURE_HOLDS || wanted >= tolerance;
+            // If only the pose changes, the observations do not. Else the level before is held meanwhile, so that the
+            // blocks are averaged only once.
+            if self.variables.count() > 6 {
+                level = self.observed(factor);
+            }
         }
         Ok(moved_px)
     }

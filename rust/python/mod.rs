@@ -60,8 +60,7 @@ mod _core {
             sample_correspondences, scan_grid,
         },
         segmentation::{
-            PyPartitions, PySegmentedSweep, PyUp, estimate_up, segment_sweep, segment_sweeps,
-            turned_partitions,
+            PyPartitions, PySegmentedSweep, PyUp, estimate_up, segment_sweeps, turned_partitions,
         },
         semantic_distance::{PyDistanceMinimum, PySemanticDistance},
         statistics::{fisher_limit, student_quantile},

@@ -67,19 +67,6 @@ pub(super) fn estimate_up(py: Python<'_>, points: Vec<PyReadonlyArray2<f32>>) ->
 
 #[pyfunction]
 #[pyo3(signature = (points, config, up=None))]
-pub(super) fn segment_sweep(
-    py: Python<'_>,
-    points: PyReadonlyArray2<f32>,
-    config: SegmentationConfig,
-    up: Option<[f64; 3]>,
-) -> PyResult<PySegmentedSweep> {
-    let (points, up) = (borrowed_rows("points", &points)?, unit(up)?);
-    let segmented = detached(|| segmentation::segment_sweep(&points, up, &config));
-    Ok(PySegmentedSweep::new(py, segmented))
-}
-
-#[pyfunction]
-#[pyo3(signature = (points, config, up=None))]
 pub(super) fn segment_sweeps(
     py: Python<'_>,
     points: Vec<PyReadonlyArray2<f32>>,

@@ -18,7 +18,7 @@ mod up;
 
 use nalgebra::{UnitVector3, Vector3};
 
-pub use sweep::{segment_sweep, segment_sweeps};
+pub use sweep::segment_sweeps;
 pub use turned::turned;
 pub use up::estimate_up;
 

@@ -25,15 +25,6 @@ pub fn segment_sweeps(
     sweeps.par_iter().map(|sweep| segment_with(sweep, up, config)).collect()
 }
 
-/// Segments one sweep. Without `up`, the direction is estimated from it.
-pub fn segment_sweep(
-    points: &[[f32; 3]],
-    up: Option<UnitVector3<f64>>,
-    config: &SegmentationConfig,
-) -> SegmentedSweep {
-    segment_with(points, up.or_else(|| estimate_up(&[points]).map(|up| up.direction)), config)
-}
-
 fn segment_with(
     points: &[[f32; 3]],
     up: Option<UnitVector3<f64>>,

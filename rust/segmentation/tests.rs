@@ -18,6 +18,14 @@ const CONFIG: SegmentationConfig = SegmentationConfig {
     min_points: 20,
 };
 
+fn segment_sweep(
+    points: &[[f32; 3]],
+    up: Option<UnitVector3<f64>>,
+    config: &SegmentationConfig,
+) -> SegmentedSweep {
+    segment_sweeps(&[points], up, config).remove(0)
+}
+
 /// A box at an angle to the axes: its lowest and its highest corner.
 type Box3 = ([f64; 3], [f64; 3]);
 

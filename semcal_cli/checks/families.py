@@ -27,7 +27,7 @@ from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.observations.frame_selection import evenly_spaced
+from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
@@ -118,23 +118,21 @@ def check_consistency(
     observations: Observations,
     T_camera_lidar: Pose,
     *,
-    with_clock: bool = True,
-    estimated_s: float | None = None,
+    estimated_s: float | None,
 ) -> tuple[Measured, ...]:
     """Check a pose against its labels, its surroundings, the camera's focal length and the clocks.
 
     Args:
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) refined pose, metres.
-        with_clock: Whether the motions of the frames differ enough to determine the time offset.
-        estimated_s: Estimate of the time offset, seconds; None if there is none.
+        estimated_s: Estimate of the time offset, seconds; None if the motions of the frames do not determine it.
     """
-    few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
+    few = few_frames(observations, NUM_FRAMES)
     return (
         *check_classes(few, T_camera_lidar),
         *check_pairing(few, T_camera_lidar),
         check_azimuth(few, T_camera_lidar),
-        *check_other_models(few, T_camera_lidar, with_clock=with_clock, estimated_s=estimated_s),
+        *check_other_models(few, T_camera_lidar, estimated_s),
     )
 
 

@@ -106,7 +106,7 @@ def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequen
 
 def _is_one(observations: Observations, part: Part) -> bool:
     suspicion = compare_frames(observations.of_frames(part.frames), part.T_camera_lidar)
-    return suspicion is None or not suspicion.is_grave or suspicion.scatter <= suspicion.allowed
+    return suspicion is None or suspicion.scatter <= suspicion.allowed
 
 
 def _split(

@@ -22,11 +22,17 @@ PYRAMID = PyramidConfig(coarsest_block_deg=1.0)
 
 
 def check_other_models(
-    observations: Observations, T_camera_lidar: Pose, *, with_clock: bool, estimated_s: float | None = None
+    observations: Observations, T_camera_lidar: Pose, estimated_s: float | None
 ) -> list[Measured]:
-    """Check that labels agree less well with other focal lengths, and with other delays if the motion shows them."""
+    """Check that labels agree less well with other focal lengths, and with other delays if the motion shows them.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4) refined pose, metres.
+        estimated_s: Estimate of the time offset, seconds; None if the motion shows none.
+    """
     zoomed = zoomed_observations(observations)
-    late = delayed_observations(observations) if with_clock else {}
+    late = {} if estimated_s is None else delayed_observations(observations)
 
     def refit(model: Observations) -> PoseFit | None:
         refined = refine_exactly(model, T_camera_lidar, EXACT, PYRAMID)
@@ -40,7 +46,8 @@ def check_other_models(
     # A refinement may end at a lower maximum than the one that it left.
     own = max(own, fit_at(observations, T_camera_lidar), key=lambda fit: fit.information)
     fits = {key: fit for key, fit in zip([*zoomed, *late], others, strict=True) if fit is not None}
-    return [
-        *check_focal_length(own, {key: fits[key] for key in zoomed if key in fits}),
-        *check_clocks(observations, own, {key: fits[key] for key in late if key in fits}, estimated_s),
-    ]
+    measured = check_focal_length(own, {key: fits[key] for key in zoomed if key in fits})
+    if estimated_s is None:
+        return measured
+    of_late = {key: (late[key], fits[key]) for key in late if key in fits}
+    return [*measured, *check_clocks(observations, own, of_late, estimated_s)]

@@ -88,7 +88,7 @@ ALL_CHECKS: tuple[Check, ...] = (
     focal_length.WRONG_FOCAL_LENGTH,
     wrong_intrinsics.WRONG_INTRINSICS,
     wrong_clocks.WRONG_CLOCKS,
-    untied_clocks.UNTIED_CLOCKS,
+    untied_clocks.UNTIED,
     untied_clocks.OTHER_NAMES,
     motion_unstated.MOTION,
     motion_unstated.SHUTTER,

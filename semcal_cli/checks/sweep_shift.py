@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.geometry.arrays import Matrix, Vector
-from semcal_cli.observations.scenes import nearest_ranges, shares_alike
+from semcal_cli.observations.scenes import nearest_ranges, share_alike
 
 MIN_HEIGHT_M = 0.5
 """Smallest height of points that do not count as ground, which slopes and bends."""
@@ -65,7 +65,8 @@ def _shift_m(first: npt.NDArray[np.float32], second: npt.NDArray[np.float32], ac
     few, seen = first[:: max(len(first) // NUM_POINTS, 1)], nearest_ranges(second)
 
     def share(shift: Vector) -> float:
-        return float(shares_alike([nearest_ranges(few - np.float32(shift @ across)), seen])[1, 0])
+        moved = nearest_ranges(few - np.float32(shift @ across))
+        return float(share_alike(moved[None], seen)[0])
 
     best = np.zeros(2)
     highest = share(best)

@@ -16,13 +16,14 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.estimation.adjust.clock import SWEEP_S, ClockUncertainty
 from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection
+from semcal_cli.findings.symptoms import UNTIED_CLOCKS
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import read_clouds
 
-UNTIED_CLOCKS = Check(
-    topic="untied-clocks",
+UNTIED = Check(
+    topic=UNTIED_CLOCKS,
     advice=(
         "add to drive.yaml `synchronization: hardware` if one triggers the other, `motion: {speed_m_s: 0}` if the rig "
         "stood, or motion.poses at different speeds (`semcal odometry`)"
@@ -106,7 +107,7 @@ def check_clocks(data: LoadedDrive, clock: ClockUncertainty | None) -> Measured:
     is_hardware = drive.synchronization == "hardware"
     distance_m = None
     if _are_tied(drive, clock, is_hardware=is_hardware and mispaired is None):
-        return Measured(UNTIED_CLOCKS.topic, "", None)
+        return Measured(UNTIED_CLOCKS, "", None)
     if clock is not None:
         cost = f"the rig moves: {_cost(clock.speed_m_s)}"
     elif (moved := _moved(data.recorded or drive)) is not None:
@@ -115,7 +116,7 @@ def check_clocks(data: LoadedDrive, clock: ClockUncertainty | None) -> Measured:
         speed_m_s = distance_m / (seconds or SWEEP_S)
         cost = f"the rig moves {distance_m:.2f} m from one frame to the next: {_cost(speed_m_s)}{assumed}"
     elif _stands(data.observations):
-        return Measured(UNTIED_CLOCKS.topic, "", 0.0)
+        return Measured(UNTIED_CLOCKS, "", 0.0)
     else:
         cost = f"whether the rig moved cannot be seen: {_cost(ASSUMED_M_S)}"
     if is_hardware and mispaired is not None:
@@ -123,8 +124,8 @@ def check_clocks(data: LoadedDrive, clock: ClockUncertainty | None) -> Measured:
         return OTHER_NAMES.without_value(
             f"sweep {points} is paired with image {image}, and image {own} with another sweep"
         )
-    finding = UNTIED_CLOCKS.finding(f"nothing ties the images to the moments of the sweeps, and {cost}")
-    return Measured(UNTIED_CLOCKS.topic, "", distance_m, finding)
+    finding = UNTIED.finding(f"nothing ties the images to the moments of the sweeps, and {cost}")
+    return Measured(UNTIED_CLOCKS, "", distance_m, finding)
 
 
 def _are_tied(drive: Drive, clock: ClockUncertainty | None, *, is_hardware: bool) -> bool:

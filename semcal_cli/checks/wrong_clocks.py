@@ -8,12 +8,12 @@ from semcal_cli.checks.pose_fit import PoseFit
 from semcal_cli.estimation.uncertainty.information import information_by_squares, paired_gain
 from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection
-from semcal_cli.findings.symptoms import OF_A_WRONG_CLOCK
+from semcal_cli.findings.symptoms import CLOCKS, OF_A_WRONG_CLOCK
 from semcal_cli.observations.motion import delayed, differs, twists_per_s
 from semcal_cli.observations.observations import Observations
 
 WRONG_CLOCKS = Check(
-    topic="clocks",
+    topic=CLOCKS,
     advice=(
         "calibrate with --estimate-delay, or check the clocks of camera and LiDAR and correct image_stamp"
     ),
@@ -62,29 +62,29 @@ def delayed_observations(observations: Observations) -> dict[float, Observations
 def check_clocks(
     observations: Observations,
     own: PoseFit,
-    others: Mapping[float, PoseFit],
-    estimated_s: float | None = None,
+    others: Mapping[float, tuple[Observations, PoseFit]],
+    estimated_s: float,
 ) -> list[Measured]:
     """Compare the fit at the drive's times with those at others, by the delay in seconds.
 
     Args:
         observations: Points and pixels.
         own: The fit at the drive's times.
-        others: Fits at other times.
+        others: The same at other times.
         estimated_s: Estimate of the delay, which is stated in place of the tried one that fits best.
     """
     if not others:
         return []
     before, sigmas = information_by_squares(observations, own.T_camera_lidar), {}
-    for delay_s, fit in others.items():
-        after = information_by_squares(delayed(observations, delay_s), fit.T_camera_lidar)
+    for delay_s, (late, fit) in others.items():
+        after = information_by_squares(late, fit.T_camera_lidar)
         gain = paired_gain(before, after)
         sigmas[delay_s] = gain.gain / max(gain.sigma, 1e-12)
     best_s = max(sigmas, key=lambda delay_s: sigmas[delay_s])
     better = f"points and images agree {sigmas[best_s]:.1f} standard errors better"
     side = "later" if best_s > 0.0 else "earlier"
     how = f", since {better} if images are {1e3 * abs(best_s):.0f} ms {side} than image_stamp says"
-    if estimated_s is not None and estimated_s * best_s > 0.0:
+    if estimated_s * best_s > 0.0:
         how = (
             f": images seem to be {1e3 * abs(estimated_s):.1f} ms {side} than image_stamp says, and {better} "
             f"at {'a later' if best_s > 0.0 else 'an earlier'} time"

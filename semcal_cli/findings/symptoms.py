@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+CLOCKS = "clocks"
+"""Topic of the finding that states the offset of the clock, or why it is not known."""
+UNTIED_CLOCKS = "untied-clocks"
+"""Topic of the finding that nothing ties the clocks."""
 LOOKS_LIKE = "looks-like"
 """Topic of a mistake that a transform looks like, or of a displacement that those of a rig look like."""
 OF_A_WRONG_CLOCK: frozenset[str] = frozenset(

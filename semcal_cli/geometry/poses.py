@@ -135,7 +135,10 @@ def mounting_rpy_deg(T_camera_lidar: Pose) -> Vector:
 
 
 def rpy(T: Pose) -> list[float]:
-    """Compute roll, pitch and yaw of a rotation in radians, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Compute roll, pitch and yaw of a pose (4, 4) or rotation (3, 3), radians, as in URDF.
+
+    R = Rz(yaw) Ry(pitch) Rx(roll).
+    """
     R = (T[:3, :3] + 0.0).tolist()  # no -0.0
     cos_pitch = math.hypot(R[0][0], R[1][0])
     pitch = math.atan2(0.0 - R[2][0], cos_pitch)

@@ -78,7 +78,9 @@ class LoadedDrive:
         if camera == self.drive.camera:
             return self
         drive = self.drive.model_copy(update={"camera": camera})
-        return replace(self, drive=drive, observations=replace(self.observations, camera=camera))
+        coarse_cue = self.coarse_cue and replace(self.coarse_cue, camera=camera)
+        observations = replace(self.observations, camera=camera)
+        return replace(self, drive=drive, observations=observations, coarse_cue=coarse_cue)
 
     def with_settings(self, config: RefinementConfig) -> LoadedDrive:
         """Use the maximum baseline and the edge band of these settings."""
@@ -194,6 +196,7 @@ def load(
     observations = load_cues(used, policy.refined, sweeps, is_raw=config.is_raw).with_scenes
     observations = replace(observations, starts=policy.starts)
     coarse_cue = load_cues(used, policy.coarse, sweeps) if policy.coarse else None
+    coarse_cue = coarse_cue and replace(coarse_cue, known_scenes=observations.known_scenes)
     data = LoadedDrive(used, observations, cues, coarse_cue, config.max_frames, recorded=whole)
     data = data.with_settings(config.refinement)
     # Copies of frames add no evidence.

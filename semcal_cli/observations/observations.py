@@ -277,7 +277,7 @@ class Observations:
 
     def information(self, T_camera_lidar: Pose) -> float:
         """Compute the mutual information of classes at a pose (4, 4) minus its bias, nats."""
-        agreement = core.agreement(self.of_classes.core, T_camera_lidar)
+        agreement = core.agreement(self.core, T_camera_lidar)
         return agreement.mutual_information - agreement.bias
 
     def turn_loss(self, T_camera_lidar: Pose) -> float:

@@ -39,35 +39,41 @@ def alike_frames(ranges: Sequence[npt.NDArray[np.float32]]) -> list[int]:
     first = list(range(len(ranges)))
     if len(ranges) < 2:
         return first
-    for later, earlier in np.argwhere(np.tril(shares_alike(ranges) >= MIN_SAME_RANGE_SHARE, -1)).tolist():
+    for later, earlier in np.argwhere(np.tril(_shares(ranges) >= MIN_SAME_RANGE_SHARE, -1)).tolist():
         later_scene, earlier_scene = sorted((first[earlier], first[later]), reverse=True)
         first = [earlier_scene if scene == later_scene else scene for scene in first]
     return first
 
 
-def shares_alike(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
-    """Compute the share (F, F) of the directions seen in either of two frames that have the same range in both.
+def shares_alike(clouds: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
+    """Compute the share (F, F) of directions seen in either of two sweeps (N, 3) that have the same range in both."""
+    return _shares(ranges_of(clouds))
 
-    Args:
-        nearest: The `nearest_ranges` of each frame.
-    """
+
+def _shares(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
     ranges, shares = np.array(nearest), np.zeros((len(nearest), len(nearest)))
     # Most directions have no points in any frame: a LiDAR looks neither up nor down.
     ranges = ranges[:, np.isfinite(ranges).any(axis=0)]
-
-    def with_earlier(frame: int) -> npt.NDArray[np.float64]:
-        others, own = ranges[: frame + 1], ranges[frame]
-        nearer = np.minimum(others, own)
-        # The difference of two infinite ranges is NaN, which compares false.
-        with np.errstate(invalid="ignore"):
-            is_same = np.abs(others - own) < SAME_RANGE_M + SAME_RANGE * nearer
-        num_finite = np.count_nonzero(np.isfinite(nearer), axis=1)
-        return np.asarray(np.count_nonzero(is_same, axis=1) / np.maximum(num_finite, 1))
-
     with thread_pool() as pool:
-        for frame, row in enumerate(pool.map(with_earlier, range(len(ranges)))):
+        rows = pool.map(lambda frame: share_alike(ranges[: frame + 1], ranges[frame]), range(len(ranges)))
+        for frame, row in enumerate(rows):
             shares[frame, : frame + 1] = shares[: frame + 1, frame] = row
     return shares
+
+
+def share_alike(others: npt.NDArray[np.float32], own: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+    """Compute the share (F,) of the directions seen in a frame or another one that have the same range in both.
+
+    Args:
+        others: (F, C) `nearest_ranges` of other frames.
+        own: (C,) that of the frame.
+    """
+    nearer = np.minimum(others, own)
+    # The difference of two infinite ranges is NaN, which compares false.
+    with np.errstate(invalid="ignore"):
+        is_same = np.abs(others - own) < SAME_RANGE_M + SAME_RANGE * nearer
+    num_finite = np.count_nonzero(np.isfinite(nearer), axis=1)
+    return np.asarray(np.count_nonzero(is_same, axis=1) / np.maximum(num_finite, 1))
 
 
 def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]) -> list[int]:

@@ -41,17 +41,13 @@ from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covarianc
 from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.findings.check import Measured, findings_among
-from semcal_cli.findings.symptoms import OF_A_LOST_POSE
+from semcal_cli.findings.symptoms import CLOCKS, OF_A_LOST_POSE, UNTIED_CLOCKS
 from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
 
-CLOCKS = "clocks"
-"""Topic of the finding that states the offset of the clock."""
-UNTIED_TOPIC = "untied-clocks"
-"""Topic of the finding that says more of the clock than its note."""
 KNOW_SPEED = "give motion.poses, or state time_offset_sigma_s if the moment of the images is known better"
 """Advice where the speed that sweeps show alone makes an interval too wide."""
 ADVICE_K = "give a smaller --intrinsics-sigma if K is known better"
@@ -77,12 +73,11 @@ def assess(
         return stages
     on_event(Progress("assessing"))
     start = perf_counter()
-    used, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
+    seen, T = stages.seen or data.observations, stages.T_camera_lidar
+    used = replace(data, observations=seen)
     pose = _AssessedPose(used, stages, config.polish, ClockUncertainty.of(used, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(
-            used.checked_by, T, with_clock=pose.tells_clock, estimated_s=pose.estimated_s
-        )
+        measured = check_consistency(used.checked_by, T, estimated_s=pose.estimated_s)
         assessment = _compare_frames(pose).with_measured(*measured)
     else:
         can_bleed = with_label_bleed and data.policy.has_label_bleed
@@ -94,7 +89,9 @@ def assess(
             assessment, notes=tuple(note for note in assessment.notes if note not in of_clock)
         )
     if data.coarse_cue is not None and data.policy.needs_near_start:
-        by_coarse_cue = check_coarse_cue(data.coarse_cue, T, stages.initial.T_camera_lidar)
+        # The pose belongs to the camera that was estimated with it.
+        coarse_cue = replace(data.coarse_cue, camera=seen.camera)
+        by_coarse_cue = check_coarse_cue(coarse_cue, T, stages.initial.T_camera_lidar)
         assessment = assessment.with_measured(by_coarse_cue)
     stages = replace(stages, assessment=assessment)
     doubts = "there are doubts" if stages.findings else "no doubts"
@@ -143,13 +140,8 @@ class _AssessedPose:
     """What the frames show of the clock at the pose; None without a motion."""
 
     @property
-    def tells_clock(self) -> bool:
-        """Whether a check of the clock is meaningful: at constant speed, any time offset fits equally well."""
-        return self.clock is not None and self.clock.is_checked
-
-    @property
     def estimated_s(self) -> float | None:
-        """Estimate of the offset of the clock; None if the frames do not determine it."""
+        """Estimate of the offset of the clock; None where any fits equally well, as at constant speed."""
         return self.clock.offset_s if self.clock is not None and self.clock.is_checked else None
 
     @property
@@ -239,9 +231,7 @@ def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -
     # While one check runs Python code, the core works on another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, pose)
-        of_consistency = pool.submit(
-            check_consistency, of_checks, T, with_clock=pose.tells_clock, estimated_s=pose.estimated_s
-        )
+        of_consistency = pool.submit(check_consistency, of_checks, T, estimated_s=pose.estimated_s)
         of_scale = pool.submit(check_scale, of_checks)
         of_pose = pool.submit(_uncertainty, pose, with_label_bleed=with_label_bleed)
         started = of_frames, of_consistency, of_scale, of_pose
@@ -337,7 +327,7 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
             "from other places"
         )
     topics = {finding.topic for finding in findings_among(measured)}
-    if not pose.is_clock_estimated and UNTIED_TOPIC not in topics:
+    if not pose.is_clock_estimated and UNTIED_CLOCKS not in topics:
         notes += notes_on_clock(data, pose.clock)
     has_labels = any(frame.image_labels is not None for frame in frames)
     if has_labels and all(frame.image is None for frame in frames):

@@ -28,7 +28,7 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.events import Listener, ignore
-from semcal_cli.findings.symptoms import LOOKS_LIKE
+from semcal_cli.findings.symptoms import CLOCKS, LOOKS_LIKE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
@@ -85,8 +85,6 @@ OF_CLOCK: dict[Verdict, str] = {
 }
 """Sentences for a transform that passes all its checks."""
 DIRECTIONS: tuple[str, ...] = get_args(Direction)
-CLOCK_TOPIC = "clocks"
-"""Topic of the reasons why the check of the clock is inconclusive."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ class Verification:
         if self.has_moved and self.verdict == "inconclusive" and not self.is_reasoned:
             return MOVED
         of_transform = [check.verdict for check in self.checks if check.name != CLOCK]
-        is_clock_alone = together(of_transform) == "pass" and {*self.topics} <= {CLOCK_TOPIC}
+        is_clock_alone = together(of_transform) == "pass" and {*self.topics} <= {CLOCKS}
         sentence = (
             OF_CLOCK.get(self.verdict, SENTENCES[self.verdict]) if is_clock_alone else SENTENCES[self.verdict]
         )
@@ -133,7 +131,7 @@ class Verification:
     @property
     def is_reasoned(self) -> bool:
         """Whether the reasons make it inconclusive, whatever the offsets are."""
-        return self.verdict == "inconclusive" and bool({*self.topics} - {CLOCK_TOPIC})
+        return self.verdict == "inconclusive" and bool({*self.topics} - {CLOCKS})
 
     def word(self, check: AxisVerdict) -> str:
         """Verdict on a check in a word; none is judged where reasons leave all of them open."""
@@ -302,7 +300,7 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         verdict = together(check.verdict for check in checks)
         looks = recognise(T_stated, estimate) if verdict == "fail" else []
         reasons = [(LOOKS_LIKE, f"{sentence}: {_remedy(sentence, stated)}") for sentence in looks]
-    reasons += [(CLOCK_TOPIC, sentence) for sentence in of_clock]
+    reasons += [(CLOCKS, sentence) for sentence in of_clock]
     of_record = () if stated.record is None else check_own_drive(data.drive, stated.record)
     reasons += [(finding.topic, finding.sentence) for finding in of_record]
     if of_record:

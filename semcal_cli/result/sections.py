@@ -149,8 +149,8 @@ class HeldOut(StrictModel):
     """Test of the polish on data that it did not use."""
 
     accepted: bool
-    """Whether the labels agree no worse after the polish, within three standard errors. If not, the previous pose is
-    kept."""
+    """Whether held-out data agree no worse after the polish, within three standard errors, or five where the
+    information has many maxima. If not, the previous pose is kept."""
     held_out_gain_nats: Figure
     """Mutual information of the held-out data after the polish minus before it; adjusted MI for segments."""
     held_out_sigma_nats: Width | None

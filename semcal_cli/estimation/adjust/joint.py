@@ -19,8 +19,7 @@ from semcal_cli.estimation.adjust.joint_fit import Fit, Problem, Variables, adju
 from semcal_cli.estimation.refine.polish import newton, split
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.information import information_by_squares, paired_gain
-from semcal_cli.estimation.uncertainty.intrinsics import AROUND_INTRINSICS, shift_by
-from semcal_cli.estimation.uncertainty.sensitivity import sensitivity
+from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, shift_by
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.observations.motion import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.observations.observations import Observations
@@ -165,10 +164,8 @@ def _left_open(
     """
     if not asked.names:
         return None
-    camera, without_band = observations.camera, observations.without_edge_band
-    around = sensitivity(
-        without_band, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(without_band)
-    )
+    camera = observations.camera
+    around = around_intrinsics(observations, T, asked.of_core(camera), asked.twists(observations))
     shift = shift_by(around)
     if shift is None:
         return None

@@ -7,6 +7,8 @@ not reduce the effect of their errors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from semcal_cli.config import SensitivityConfig
@@ -29,10 +31,23 @@ AROUND_INTRINSICS_OF_EDGES = SensitivityConfig(factor=2)
 five on a real jam was reported to have wrong intrinsics; with blocks of two pixels, none of nine on three drives."""
 
 
-def around_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Sensitivity | None:
-    """Compute the curvature and scores of the mutual information over pose, fx, fy, cx, cy and k1."""
+def around_intrinsics(
+    observations: Observations,
+    T_camera_lidar: Pose,
+    variables: Sequence[str] = VARIABLES,
+    twists_per_s: Sequence[Sequence[float]] | None = None,
+) -> Sensitivity | None:
+    """Compute the curvature and scores of the mutual information over the pose and other variables.
+
+    Args:
+        observations: Points and pixels.
+        T_camera_lidar: (4, 4) pose, metres.
+        variables: Intrinsics, by their names in the core.
+        twists_per_s: (F, 6) motion of the LiDAR in each frame, metres and radians per second, if the time offset is a
+            variable, too.
+    """
     config = AROUND_INTRINSICS_OF_EDGES if observations.is_local else AROUND_INTRINSICS
-    return sensitivity(observations.without_edge_band, T_camera_lidar, config, VARIABLES)
+    return sensitivity(observations.without_edge_band, T_camera_lidar, config, variables, twists_per_s)
 
 
 def shift_by(around: Sensitivity | None) -> Matrix | None:

@@ -22,7 +22,7 @@ from semcal_cli.geometry.poses import rpy
 from semcal_cli.observations.frame_selection import with_few_frames
 from semcal_cli.observations.motion import read_poses
 from semcal_cli.observations.reading import read_clouds
-from semcal_cli.observations.scenes import ranges_of, shares_alike
+from semcal_cli.observations.scenes import shares_alike
 
 MAX_FRAMES = 60
 """Number of frames that are used of a longer drive."""
@@ -128,7 +128,7 @@ def _places(sweeps: Sequence[npt.NDArray[np.float32]], ground: Ground) -> list[i
     Level ground is at the same ranges everywhere, so that only what stands on it tells places apart.
     """
     above = [points[points @ np.float32(ground.up) > MIN_ABOVE_M - ground.height_m] for points in sweeps]
-    shares, first = shares_alike(ranges_of(above)), list[int]()
+    shares, first = shares_alike(above), list[int]()
     for index, row in enumerate(shares):
         known = [other for other in sorted(set(first)) if row[other] >= MIN_SHARE_OF_PLACE]
         first.append(known[0] if known else index)
@@ -143,8 +143,8 @@ def _mean_ground(grounds: list[Ground]) -> Ground:
 def _mean_tilt(grounds: list[Ground]) -> tuple[Estimate, Estimate, Vector]:
     """Average roll and pitch around those of the mean direction, so that a LiDAR may be upside down."""
     R_level_lidar = level_axes(_mean_ground(grounds).up)
-    first_roll, first_pitch, _ = rpy(_rotation(R_level_lidar))
-    tilts = np.array([rpy(_rotation(level_axes(ground.up)))[:2] for ground in grounds])
+    first_roll, first_pitch, _ = rpy(R_level_lidar)
+    tilts = np.array([rpy(level_axes(ground.up))[:2] for ground in grounds])
     off = np.remainder(tilts - (first_roll, first_pitch) + math.pi, 2.0 * math.pi) - math.pi
     roll, pitch = (trimmed_mean(values) for values in off.T)
     roll = Estimate(math.remainder(first_roll + roll.value, 2.0 * math.pi), roll.half_width_95)
@@ -169,12 +169,6 @@ def _with_tilt(yaw: Estimate, roll: Estimate, pitch: Estimate) -> Estimate:
         x, y, _ = level_axes(_up(roll.value + off_roll, pitch.value + off_pitch)) @ forward
         square += math.remainder(-math.atan2(y, x) - yaw.value, 2.0 * math.pi) ** 2
     return Estimate(yaw.value, math.sqrt(square))
-
-
-def _rotation(R: Pose) -> Pose:
-    T: Pose = np.eye(4)
-    T[:3, :3] = R
-    return T
 
 
 def _travel(drive: Drive, up: Vector) -> tuple[Travel | None, str]:
