@@ -1,0 +1,1 @@
+"""The ONCE data set for semcal."""
