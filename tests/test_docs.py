@@ -32,7 +32,7 @@ from semcal_cli.experiments import experiment_run
 from semcal_cli.files import point_clouds, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.findings.check import Check
-from semcal_cli.findings.symptoms import LOOKS_LIKE
+from semcal_cli.findings.symptoms import LOOKS_LIKE, MOVED_SENSOR
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
 from semcal_cli.importing import kitti_360_windows, sweep_odometry as odometry
@@ -173,7 +173,7 @@ def test_the_site_builds(site: Path) -> None:
         name = "index.html" if path.stem == "index" else f"{path.stem}/index.html"
         assert (site / name).stat().st_size > 0
     page = (site / "troubleshooting" / "index.html").read_text()
-    for topic in (*ENTRIES, LOOKS_LIKE):
+    for topic in (*ENTRIES, LOOKS_LIKE, MOVED_SENSOR):
         assert f'<a id="{topic}"></a>' in page
     for key in MODELS:
         published = site / schema_address(key, NEWEST_VERSION).removeprefix(f"{ADDRESS}/")

@@ -43,7 +43,7 @@ ROUNDING = 1e-12
 def read_rig_of(path: Path) -> RigCalibration:
     """Read the result of the rig of the same version."""
     rig = read_rig(path.parents[1] / path.parent.name.replace("_calibration", "") / "rig.yaml")
-    return read_rig_result(rig, rig.read_drives(), path)
+    return read_rig_result(rig, rig.read_drives(), path)[0]
 
 
 READERS: dict[str, Callable[[Path], Any]] = {

@@ -1,6 +1,7 @@
-"""`semcal verify` for a rig: which camera is off, and whether its LiDAR is instead."""
+"""`semcal verify` for a rig: which transform is off, and whether one sensor that has moved explains all that are."""
 
 import json
+import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,15 +14,125 @@ from click.testing import Result
 from commands import invoke
 from conftest import NAMES, SMALL, make_pose
 
+from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files import point_clouds
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.many.rig.rig_document import LidarView
+from semcal_cli.many.rig.rig_verification import RigVerification
+from semcal_cli.pipeline.verdict import judge, judge_clock, together
+from semcal_cli.pipeline.verification import Verification
 
-PASS, FAIL, INCONCLUSIVE = 0, 3, 4
-TURNED = make_pose((0.0, 0.0, np.radians(0.9)), (0.03, 0.01, 0.0))
+PASS, FAILURE, USAGE, FAIL = 0, 1, 2, 3
+MOVED = make_pose((0.0, 0.0, np.radians(0.9)), (0.03, 0.01, 0.0))
 """Displacement by 0.9 degrees and 3.2 cm."""
+OTHERWISE = make_pose((np.radians(0.9), 0.0, 0.0), (0.0, 0.0, 0.0))
+"""Another one, by 0.9 degrees about another axis."""
+SIGMA_M, SIGMA_RAD = 2e-3, np.radians(0.02)
+LIDARS = ("lidar", "rear")
+STATED = {
+    "front": make_pose((0.1, -1.2, 1.5), (0.3, -0.2, 0.1)),
+    "left": make_pose((-0.8, 0.4, 1.0), (2.0, 0.3, -0.4)),
+}
+"""T_camera_lidar of two cameras."""
+T_LIDAR_REAR = make_pose((0.1, -0.2, 2.5), (-1.5, 0.3, 0.2))
+
+
+def verification(T_stated: Pose, T_found: Pose, clock_ms: float = 0.0) -> Verification:
+    """What `verify` says of a transform where the estimate has these errors."""
+    half_widths, limits = [2.0 * SIGMA_M] * 3 + [2.0 * np.degrees(SIGMA_RAD)] * 3, Limits()
+    error = compare_poses(T_stated, T_found)
+    checks = (
+        *judge(error.camera_center_xyz_m, error.rotation_xyz_deg, half_widths, limits),
+        judge_clock(1e-3 * clock_ms, 1e-3, 5e-3),
+    )
+    covariance = np.diag([SIGMA_M**2] * 3 + [SIGMA_RAD**2] * 3).tolist()
+    verdict = together(check.verdict for check in checks)
+    return Verification(verdict, checks, (), (), (), T_found, 0.0, False, None, covariance, 1e4)
+
+
+def rig_of(
+    moved: Mapping[str, Pose], lidars: tuple[str, ...] = LIDARS, cameras: tuple[str, ...] = ("front", "left")
+) -> RigVerification:
+    """A rig whose sensors have moved: p_stated = T p_found in the frame of each."""
+    rng = np.random.default_rng(7)
+    views, stated, verifications = {}, {}, {}
+    for lidar in lidars:
+        for camera in cameras:
+            name = camera if lidar == "lidar" else f"{camera}_on_{lidar}"
+            views[name] = LidarView(camera, lidar, name)
+            stated[name] = STATED[camera] @ (np.eye(4) if lidar == "lidar" else T_LIDAR_REAR)
+            of_camera, of_lidar = (moved.get(sensor, np.eye(4)) for sensor in (camera, lidar))
+            T = np.linalg.inv(of_camera) @ stated[name] @ of_lidar
+            noise = rng.standard_normal(6) * ([SIGMA_M] * 3 + [SIGMA_RAD] * 3)
+            verifications[name] = verification(stated[name], apply_twist(T, noise))
+    return RigVerification(views, stated, verifications, {})
+
+
+@pytest.mark.parametrize(
+    ("moved", "lidars", "expected"),
+    [
+        ({}, LIDARS, []),
+        ({"lidar": MOVED}, ("lidar",), [""]),
+        ({"lidar": MOVED}, LIDARS, ["lidar"]),
+        ({"rear": MOVED}, LIDARS, ["rear"]),
+        ({"left": MOVED}, LIDARS, ["left"]),
+        ({"left": MOVED}, ("lidar",), []),  # one transform alone
+        ({"front": MOVED, "left": OTHERWISE}, ("lidar",), []),  # not as if the LiDAR had moved
+        ({"front": MOVED, "left": OTHERWISE}, LIDARS, []),
+        ({"lidar": MOVED, "rear": OTHERWISE}, LIDARS, []),  # nor one camera
+        ({"lidar": MOVED, "front": OTHERWISE}, LIDARS, []),
+    ],
+)
+def test_one_sensor_is_named_where_it_explains_exactly_what_fails(
+    moved: Mapping[str, Pose], lidars: tuple[str, ...], expected: list[str]
+) -> None:
+    rig = rig_of(moved, lidars)
+    assert [sensor.name for sensor in rig.moved_sensors] == expected
+    for sensor in rig.moved_sensors:
+        truth = next(iter(moved.values()))
+        error = compare_poses(sensor.T_stated_found, truth)
+        assert (error.rotation_deg, error.camera_center_cm) < (0.1, 1.0)
+        assert re.search(
+            r"moved by 3\.\d\d \+- 0\.\d\d cm and 0\.\d{3} \+- 0\.0\d\d degrees", sensor.sentence
+        )
+
+
+def test_displacements_are_weighted_and_their_interval_holds_the_truth() -> None:
+    """A transform that is hardly known takes no part."""
+    rig = rig_of({"lidar": MOVED}, ("lidar",))
+    front, left = rig.verifications.values()
+    vague = np.diag([1.0] * 3 + [0.1] * 3).tolist()
+    T_left = apply_twist(left.T_camera_lidar, np.array([0.5, -0.3, 0.2, 0.05, 0.02, -0.04]))
+    rough = Verification(*("fail", left.checks, (), (), (), T_left, 0.0, None, None, vague, 1e4))
+    both = RigVerification(rig.views, rig.stated, {"front": front, "left": rough}, {})
+    (sensor,) = both.moved_sensors
+    T_by_front = np.linalg.inv(rig.stated["front"]) @ front.T_camera_lidar
+    assert sensor.T_stated_found == pytest.approx(T_by_front, abs=1e-4)
+    (of_both,) = rig.moved_sensors
+    assert (np.diag(of_both.covariance) < np.diag(sensor.covariance)).all()
+
+
+def test_a_late_clock_is_no_displacement() -> None:
+    rig = rig_of({}, ("lidar",))
+    late = {
+        name: verification(rig.stated[name], found.T_camera_lidar, clock_ms=30.0)
+        for name, found in rig.verifications.items()
+    }
+    of_clock = RigVerification(rig.views, rig.stated, late, {})
+    assert (of_clock.verdict, of_clock.moved_sensors) == ("fail", ())
+
+
+def test_a_transform_without_a_verdict_fails_the_rig() -> None:
+    rig = rig_of({"lidar": MOVED}, ("lidar",))
+    (name, found), (other, _) = rig.verifications.items()
+    failed = RigVerification(rig.views, rig.stated, {name: found}, {other: "no image"})
+    assert (failed.verdict, failed.moved_sensors) == ("failed", ())
+    assert failed.failure == f"1 of 2 cameras could not be verified; {other}: no image"
+    assert failed.deciding == f"{other}, of 2 cameras"
 
 
 def verify(*arguments: object) -> Result:
@@ -63,8 +174,7 @@ def test_a_rig_that_holds_passes_and_each_sweep_is_read_once(
 
 
 def test_the_camera_that_is_off_is_named(rig: Path, tmp_path: Path) -> None:
-    truth = stated(rig)
-    other = with_transforms(rig, tmp_path / "rig", {NAMES[1]: TURNED @ truth[NAMES[1]]})
+    other = with_transforms(rig, tmp_path / "rig", {NAMES[1]: MOVED @ stated(rig)[NAMES[1]]})
     found = verify(other, "--max-rotation-deg", 0.5, "--junit", tmp_path / "junit.xml")
     assert found.exit_code == FAIL, found.output
     assert found.stdout.endswith("[rig]\nverdict          fail: camera_1, of 2 cameras\n")
@@ -73,45 +183,73 @@ def test_the_camera_that_is_off_is_named(rig: Path, tmp_path: Path) -> None:
     assert {name.partition(" ")[0] for name in failed} == {"camera_1:"}
 
 
-def test_a_displaced_lidar_is_told_from_displaced_cameras(rig: Path, tmp_path: Path) -> None:
+def test_a_displaced_lidar_is_found(rig: Path, tmp_path: Path) -> None:
     """The stated transforms are those of a LiDAR that has moved since."""
-    now = TURNED
-    other = with_transforms(
-        rig, tmp_path / "rig", {name: T @ np.linalg.inv(now) for name, T in stated(rig).items()}
-    )
-    limits = ("--max-rotation-deg", 0.5)
-    document = json.loads(verify(other, *limits, "--json").stdout)
-    assert [camera["verdict"] for camera in document["cameras"].values()] == ["fail", "fail"]
-    (displaced,) = document["displaced_lidars"]
-    error = compare_poses(np.array(displaced["T_stated_found"]), now)
-    assert (error.rotation_deg, error.camera_center_cm) < (0.2, 1.5)
-    found = verify(other, *limits)
+    before = {name: T @ np.linalg.inv(MOVED) for name, T in stated(rig).items()}
+    found = verify(with_transforms(rig, tmp_path / "rig", before), "--max-rotation-deg", 0.5, "--json")
     assert found.exit_code == FAIL
-    assert "explains all its cameras: look at its mount first" in " ".join(found.stdout.split())
+    document = json.loads(found.stdout)
+    assert [each["verdict"] for each in document["transforms"].values()] == ["fail", "fail"]
+    (moved,) = document["moved_sensors"]
+    error = compare_poses(np.array(moved["T_stated_found"]), MOVED)
+    assert (error.rotation_deg, error.camera_center_cm) < (0.2, 1.5)
 
 
-def test_the_results_of_a_rig_are_verified(
+def test_the_files_that_a_result_names_are_verified(
     rig: Path, rig_results: tuple[Result, Path], tmp_path: Path
 ) -> None:
     """On the drives that they were calibrated from, results cannot be confirmed; other transforms are not asked."""
     other = with_transforms(rig, tmp_path / "rig", {name: np.eye(4) for name in NAMES})
-    for result in (rig_results[1], rig_results[1] / "rig_calibration.yaml"):
+    results = tmp_path / "results"
+    shutil.copytree(rig_results[1], results)
+    (results / "camera_0.yaml").rename(results / "night.yaml")
+    file = results / "rig_calibration.yaml"
+    file.write_text(file.read_text().replace("calibration: camera_0.yaml", "calibration: night.yaml"))
+    for result in (results, file):
         document = json.loads(verify(other, result, "--json").stdout)
         assert document["verdict"] == "inconclusive"
-        for camera in document["cameras"].values():
-            assert any("check it on another drive" in reason for reason in camera["reasons"])
+        for transform in document["transforms"].values():
+            assert any("check it on another drive" in reason for reason in transform["reasons"])
 
 
-def test_a_camera_that_fails_stops_no_other(rig: Path, tmp_path: Path) -> None:
+def test_a_camera_that_fails_stops_no_other_and_is_an_error_for_ci(rig: Path, tmp_path: Path) -> None:
     other = with_transforms(rig, tmp_path / "rig", {})
     shutil.rmtree(other / NAMES[0] / "image_labels")
-    found = verify(other, "--max-rotation-deg", 0.5, "--json", "--junit", tmp_path / "junit.xml")
+    junit = tmp_path / "junit.xml"
+    found = verify(other, "--max-rotation-deg", 0.5, "--json", "--junit", junit)
     assert isinstance(found.exception, CalibrationError)
-    assert str(found.exception).startswith("1 camera could not be verified; camera_0: ")
-    cameras = json.loads(found.stdout)["cameras"]
-    assert [cameras[name]["verdict"] for name in NAMES] == ["failed", "pass"]
-    (suite,) = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
-    assert suite.failures == 1
+    assert str(found.exception).startswith("1 of 2 cameras could not be verified; camera_0: ")
+    document = json.loads(found.stdout)
+    assert document["verdict"] == document["transforms"][NAMES[0]]["verdict"] == "failed"
+    assert document["transforms"][NAMES[1]]["verdict"] == "pass"
+    (suite,) = junitparser.JUnitXml.fromfile(str(junit))
+    assert (suite.failures, suite.errors) == (0, 1)
+    shown = verify(other, "--max-rotation-deg", 0.5).stdout
+    assert "[camera_0]\nfailed " in shown
+    assert shown.endswith("verdict          failed: camera_0, of 2 cameras\n")
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "rig/camera_1/images/000000.png",
+        "rig/camera_1/image_labels/000000.png",
+        "rig/camera_1/drive.yaml",
+        "results/rig_calibration.yaml",
+        "results/camera_1.yaml",
+        "rig/rig.yaml",
+    ],
+)
+def test_no_input_is_replaced(
+    rig: Path, rig_results: tuple[Result, Path], tmp_path: Path, place: str
+) -> None:
+    shutil.copytree(rig.parent, tmp_path / "rig")
+    shutil.copytree(rig_results[1], tmp_path / "results")
+    file = tmp_path / place
+    before = file.read_bytes()
+    found = verify(tmp_path / "rig", tmp_path / "results", "--junit", file)
+    assert str(found.exception) == f"{file}: found a file that this run reads or writes; choose another name"
+    assert file.read_bytes() == before
 
 
 def test_what_is_wrong_is_said_before_the_work(
@@ -126,13 +264,17 @@ def test_what_is_wrong_is_said_before_the_work(
         f"{other}/rig.yaml: found no transform of camera_1 to verify; `semcal verify {other}/rig.yaml RESULTS` takes "
         "those that `semcal calibrate` wrote"
     )
-    assert "found no key semcal_rig_calibration" in str(
-        verify(rig, rig_results[1] / "camera_0.yaml").exception
-    )
-    assert "found a file that this run reads" in str(
-        verify(rig, "--junit", rig.parent / "camera_0/drive.yaml").exception
-    )
-    for option in (("--report", tmp_path / "a.html"), ("--direction", "lidar-to-camera")):
+    (tmp_path / "taken").write_text("")
+    for words, complaint in (
+        ((rig_results[1] / "camera_0.yaml",), "found no key semcal_rig_calibration"),
+        (("--overlay", tmp_path / "taken"), "found a file, expected a folder for images"),
+    ):
+        assert complaint in str(verify(rig, *words).exception)
+    for option in (
+        ("--report", tmp_path / "a.html"),
+        ("--direction", "lidar-to-camera"),
+        ("--camera", "front"),
+        ("--frames", "0:2"),
+    ):
         usage = verify(rig, *option)
-        assert (usage.exit_code, "is for one camera" in usage.stderr) == (2, True), usage.stderr
-    assert "--frames, --exclude: found a rig" in verify(rig, "--frames", "0:2").stderr
+        assert usage.exit_code == USAGE, usage.output

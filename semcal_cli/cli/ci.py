@@ -26,13 +26,21 @@ NO_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 GITHUB_ACTIONS, GITHUB_STEP_SUMMARY = "GITHUB_ACTIONS", "GITHUB_STEP_SUMMARY"
 """Environment variables of a GitHub job: `true`, and the file of the job summary."""
 XML_START = b"<?xml"
+CaseVerdict: TypeAlias = "Verdict | Literal['failed']"
+"""Verdict on a case; `failed` if an error leaves it without one."""
 EXIT_CODES: dict[Verdict, int] = {"pass": 0, "fail": 3, "inconclusive": 4}
+EXIT_FAILED = 1
 Inconclusive: TypeAlias = Literal["error", "fail", "skip"]
 """How CI counts an inconclusive verdict: as an error (exit code 4), a failure (3), or skipped (0)."""
 INCONCLUSIVE_CODES: dict[Inconclusive, int] = {"error": 4, "fail": 3, "skip": 0}
 ELEMENTS: dict[Inconclusive, str] = {"error": "error", "fail": "failure", "skip": "skipped"}
 AnnotationLevel: TypeAlias = Literal["notice", "warning", "error"]
-LEVELS: dict[Verdict, AnnotationLevel] = {"pass": "notice", "fail": "error", "inconclusive": "warning"}
+LEVELS: dict[CaseVerdict, AnnotationLevel] = {
+    "pass": "notice",
+    "fail": "error",
+    "inconclusive": "warning",
+    "failed": "error",
+}
 MAX_CASES = 20
 """Largest number of cases that an annotation names; the files list all."""
 
@@ -42,7 +50,7 @@ class Case:
     """A test case for CI, made from one check."""
 
     name: str
-    verdict: Verdict
+    verdict: CaseVerdict
     figures: str
     """What was found, and what was allowed."""
 
@@ -62,7 +70,7 @@ class CiReport:
     """Name of the command."""
     subject: str
     """What was judged: the drive, or the folder of results."""
-    verdict: Verdict
+    verdict: CaseVerdict
     cases: Sequence[Case]
     reasons: Sequence[str] = ()
     """Sentences about all cases together."""
@@ -75,11 +83,17 @@ class CiReport:
     @property
     def exit_code(self) -> int:
         """The exit code of the verdict."""
+        if self.verdict == "failed":
+            return EXIT_FAILED
         return (EXIT_CODES | {"inconclusive": INCONCLUSIVE_CODES[self.inconclusive]})[self.verdict]
 
     def junit(self) -> str:
         """Make JUnit XML with a test case for each check, and the reasons with their entries as the suite's output."""
-        elements = {"fail": "failure", "inconclusive": ELEMENTS[self.inconclusive]}
+        elements: dict[CaseVerdict, str] = {
+            "fail": "failure",
+            "inconclusive": ELEMENTS[self.inconclusive],
+            "failed": "error",
+        }
         cases = [(case.name, elements.get(case.verdict), case.figures) for case in self.cases]
         reasons = self.reasons
         if self.topics:
@@ -91,7 +105,8 @@ class CiReport:
         """Print an annotation and add a table to the job summary, in a GitHub job."""
         same = [case for case in self.cases if case.verdict == self.verdict != "pass"]
         texts = first_of([f"{case.name} {case.figures}".strip() for case in same], MAX_CASES)
-        annotate(self.command, LEVELS[self.verdict], "; ".join([self.verdict, *texts, *self.reasons]))
+        if self.verdict != "failed":  # The error itself is annotated.
+            annotate(self.command, LEVELS[self.verdict], "; ".join([self.verdict, *texts, *self.reasons]))
         rows = [f"| {_cell(case.name)} | {_cell(case.figures)} | {case.verdict} |" for case in self.cases]
         table = ["", "| | found | verdict |", "|---|---|---|", *rows] if rows else []
         reasons = ["", *(f"- {_cell(reason)}" for reason in self.reasons)]

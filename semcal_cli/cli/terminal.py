@@ -23,7 +23,7 @@ STAGE_WIDTH = 20
 """Columns for the name and the time of a stage."""
 COLORS = {
     **dict.fromkeys(("trusted", "pass"), "bold green"),
-    **dict.fromkeys(("not_trusted", "fail"), "bold red"),
+    **dict.fromkeys(("not_trusted", "fail", "failed"), "bold red"),
     **dict.fromkeys(("not_assessed", "inconclusive"), "bold yellow"),
 }
 """Colour of each verdict."""

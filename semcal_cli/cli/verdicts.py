@@ -7,36 +7,43 @@ from dataclasses import replace
 import click
 
 from semcal_cli.checks import precedence
-from semcal_cli.cli.ci import Case
+from semcal_cli.cli.ci import Case, CaseVerdict
 from semcal_cli.cli.tables import shown_reasons, verdict_line, wrapped
 from semcal_cli.cli.terminal import COLORS, make_console
-from semcal_cli.errors import counted, listed
 from semcal_cli.many.rig.rig_verification import RigVerification
-from semcal_cli.pipeline.verdict import AxisVerdict, Verdict, overall_offsets
+from semcal_cli.pipeline.verdict import AxisVerdict, overall_offsets
 from semcal_cli.pipeline.verification import Verification
 from semcal_cli.readable import for_people
 from semcal_cli.result.uncertainty import CHECK_NAMES
 
 
 def cases_of(verification: Verification | RigVerification) -> list[Case]:
-    """Make the test cases of a verification; those of a rig begin with the name of the camera.
+    """Make the test cases of a verification; those of a rig begin with the name of the transform.
 
-    Where no check is judged, CI counts the camera as a whole. One that could not be verified counts as failed.
+    Where no check is judged, CI counts the transform as a whole.
     """
     if isinstance(verification, RigVerification):
-        of_cameras = verification.cameras.items()
+        of_transforms = verification.verifications.items()
         cases = [
             replace(case, name=f"{name}: {case.name}")
-            for name, camera in of_cameras
-            for case in cases_of(camera)
+            for name, found in of_transforms
+            for case in cases_of(found)
         ]
-        return [*cases, *(Case(name, "fail", reason) for name, reason in verification.failures.items())]
+        return [*cases, *(Case(name, "failed", reason) for name, reason in verification.failures.items())]
     if verification.is_reasoned:
         return [Case("transform", verification.verdict, "; ".join(verification.reasons))]
     return [Case.of_check(check) for check in verification.checks]
 
 
-def print_verification(verification: Verification, *, verbose: bool) -> None:
+def print_any(verification: Verification | RigVerification, *, verbose: bool) -> None:
+    """Print the verdict on a transform, or on those of a rig."""
+    if isinstance(verification, RigVerification):
+        _print_rig(verification, verbose=verbose)
+    else:
+        _print_verification(verification, verbose=verbose)
+
+
+def _print_verification(verification: Verification, *, verbose: bool) -> None:
     """Print the checks of a transform, what speaks against them, and the verdict."""
     for check in verification.checks:
         click.echo(_check_line(check, verification.word(check)))
@@ -55,19 +62,21 @@ def print_verification(verification: Verification, *, verbose: bool) -> None:
     _print_verdict(verification.verdict, decisive)
 
 
-def print_rig_verification(rig: RigVerification, *, verbose: bool) -> None:
-    """Print the verdict on each camera of a rig, what explains them together, and the verdict on the rig."""
-    for name, camera in rig.cameras.items():
+def _print_rig(rig: RigVerification, *, verbose: bool) -> None:
+    """Print the verdict on each transform of a rig, the sensor that explains them, and the verdict on the rig."""
+    for name in rig.views:
         click.echo(f"[{name}]")
-        print_verification(camera, verbose=verbose)
+        if name in rig.failures:
+            click.echo("\n".join(wrapped("failed", rig.failures[name])))
+        else:
+            _print_verification(rig.verifications[name], verbose=verbose)
     click.echo("[rig]")
-    for displacement in rig.displacements:
-        click.echo("\n".join(wrapped("reason", displacement.sentence)))
-    names, of_all = rig.deciding, counted(len(rig.lidars), "camera")
-    _print_verdict(rig.verdict, of_all if len(names) == len(rig.lidars) else f"{listed(names)}, of {of_all}")
+    for moved in rig.moved_sensors:
+        click.echo("\n".join(wrapped("reason", for_people(moved.sentence))))
+    _print_verdict(rig.verdict, rig.deciding)
 
 
-def _print_verdict(verdict: Verdict, decisive: str) -> None:
+def _print_verdict(verdict: CaseVerdict, decisive: str) -> None:
     console = make_console(stderr=False)
     console.print(verdict_line(verdict, decisive), style=COLORS[verdict], markup=False)
 

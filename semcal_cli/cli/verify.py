@@ -99,8 +99,11 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
         delay_s = None if self.max_delay_ms is None else 1e-3 * self.max_delay_ms
         return Limits(self.max_rotation_deg, self.max_translation_m, delay_s)
 
-    def check(self) -> None:
+    def check(self, *, of_rig: bool = False) -> None:
         """Check everything about the options that can be checked without the drive.
+
+        Args:
+            of_rig: Whether the calibration is the result of a rig, which is read with its rig.
 
         Raises:
             InputError: the calibration is not a transform.
@@ -112,7 +115,8 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
             return
         if (source := recognise(self.calibration)) is not None:
             raise MisplacedError(f"{self.calibration}: found {source.name}, expected a calibration")
-        _ = self.initial_pose
+        if not of_rig:
+            _ = self.initial_pose
 
 
 OF_ONE_CAMERA = ("--direction", "--report")
@@ -136,22 +140,20 @@ def verify(settings: VerifySettings) -> None:
     Exit code 0: every check passes. 3: an offset is beyond its limit, with a certainty of 95 %.
     4: the data are inconclusive; --inconclusive changes this code.
     """
-    from semcal_cli.cli.verdicts import cases_of, print_rig_verification, print_verification
+    from semcal_cli.cli.given_source import temporary_drive
+    from semcal_cli.cli.verdicts import cases_of, print_any
     from semcal_cli.files.output_files import write_text
     from semcal_cli.importing.recognition import recognise
     from semcal_cli.many.rig.rig_document import find_rig
-    from semcal_cli.many.rig.rig_verification import RigVerification
 
     start, read = perf_counter(), [*filter(None, (settings.drive, settings.calibration))]
     subject = ", ".join(map(str, read))
     with errors_reported("verify", subject, settings.junit, read):
         is_drive = settings.drive.exists() and recognise(settings.drive) is None
         rig = find_rig(settings.drive) if is_drive else None
-        if rig is None:
-            settings.check()
-            verification: Verification | RigVerification = _verify_given(settings)
-        else:
-            verification = _verify_rig(rig, settings)
+        settings.check(of_rig=rig is not None)
+        with temporary_drive(settings, settings.terminal(), settings.junit, settings.page) as drive:
+            verification = _verify_given(settings, drive) if rig is None else _verify_rig(rig, settings)
     report = CiReport(
         "verify",
         subject,
@@ -166,26 +168,22 @@ def verify(settings: VerifySettings) -> None:
         write_text(report.junit(), settings.junit)
     if settings.as_json:
         click.echo(json.dumps(verification.document, allow_nan=False))
-    elif isinstance(verification, RigVerification):
-        print_rig_verification(verification, verbose=settings.verbose)
     else:
-        print_verification(verification, verbose=settings.verbose)
+        print_any(verification, verbose=settings.verbose)
     report.tell_github()
-    if isinstance(verification, RigVerification) and verification.failures:
+    if verification.verdict == "failed":
         raise CalibrationError(verification.failure)
     sys.exit(report.exit_code)
 
 
-def _verify_given(settings: VerifySettings) -> Verification:
-    """Verify the transform of one camera on a drive, a recording or a data set."""
-    from semcal_cli.cli.given_source import temporary_drive
+def _verify_given(settings: VerifySettings, drive: Path) -> Verification:
+    """Verify the transform of one camera on a drive, which may be made of what is given."""
     from semcal_cli.cli.outputs import Outputs
 
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
-    with temporary_drive(settings, settings.terminal(), settings.junit, settings.page) as drive:
-        given = None if drive == settings.drive else settings.drive
-        return _verify_drive(replace(settings, drive=drive, given=given), outputs)
+    given = None if drive == settings.drive else settings.drive
+    return _verify_drive(replace(settings, drive=drive, given=given), outputs)
 
 
 def _verify_drive(
@@ -210,13 +208,13 @@ def _verify_drive(
 
 
 def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
-    """Verify the cameras of a rig one after another, reading each sweep once; one that fails stops no other.
+    """Verify the transforms of a rig one after another, reading each sweep once; one that fails stops no other.
 
     Raises:
         click.UsageError: an option for a single camera is given.
         InputError: the rig, a drive, a transform or an output is wrong, or a camera has no transform.
     """
-    from semcal_cli.cli.outputs import Outputs, check_outputs
+    from semcal_cli.cli.outputs import Outputs, check_image_folder, check_outputs
     from semcal_cli.cli.tables import labelled
     from semcal_cli.files.point_clouds import SweepCache
     from semcal_cli.many.rig.rig_result import transforms_of
@@ -225,26 +223,27 @@ def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
     refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(rig.path))
     if settings.has_chosen_frames:
         raise click.UsageError(CHOSEN_FRAMES)
-    transforms, failures = transforms_of(rig, settings.calibration, settings.max_points)
-    check_outputs([rig.path, *transforms.values()], settings.junit)
-    folder, views, sweeps, terminal = rig.path.parent, rig.views, SweepCache(), settings.terminal()
+    files, failures, read = transforms_of(rig, settings.calibration, settings.max_points)
+    check_outputs(read, settings.junit)
+    images = {name: None if settings.images is None else settings.images / name for name in files}
+    for folder in filter(None, (settings.images, *images.values())):
+        check_image_folder(folder, read)
+    views, sweeps, terminal = rig.views, SweepCache(), settings.terminal()
     cameras = {
-        name: replace(settings, drive=folder / views[name].drive, calibration=path)
-        for name, path in transforms.items()
+        name: replace(settings, drive=rig.path.parent / views[name].drive, calibration=file)
+        for name, file in files.items()
     }
     # All transforms are read before the first estimate.
     stated = {name: camera.initial_pose.T_camera_lidar for name, camera in cameras.items()}
     verifications = {}
     for name, camera in cameras.items():
         terminal.print(f"[{name}]")
-        images = None if settings.images is None else settings.images / name
         try:
-            verifications[name] = _verify_drive(camera, Outputs(log=settings.junit, images=images), sweeps)
+            verifications[name] = _verify_drive(camera, Outputs(images=images[name]), sweeps)
         except SemcalError as error:
-            failures[name] = " ".join(str(error).splitlines())
+            failures[name] = str(error)
             terminal.print(labelled("failed", failures[name]))
-    lidars = {name: view.lidar for name, view in views.items()}
-    return RigVerification(stated, verifications, failures, lidars, settings.limits)
+    return RigVerification(views, stated, verifications, failures)
 
 
 def _illustrate(

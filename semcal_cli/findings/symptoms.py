@@ -7,7 +7,9 @@ CLOCKS = "clocks"
 UNTIED_CLOCKS = "untied-clocks"
 """Topic of the finding that nothing ties the clocks."""
 LOOKS_LIKE = "looks-like"
-"""Topic of a mistake that a transform looks like, or of a displacement that those of a rig look like."""
+"""Topic of a mistake that a transform looks like."""
+MOVED_SENSOR = "moved-sensor"
+"""Topic of a displacement of one sensor of a rig that explains all transforms that fail."""
 OF_A_WRONG_CLOCK: frozenset[str] = frozenset(
     {
         "camera-motion",

@@ -29,7 +29,7 @@ from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.events import Listener, ignore
 from semcal_cli.findings.symptoms import CLOCKS, LOOKS_LIKE
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
     PoseError,
@@ -111,6 +111,11 @@ class Verification:
     smallest_visible: PoseChange | None
     """Move of the camera along each of its axes, and turn about each, that would be more than chance, at 5 %; None
     where the estimate is not trusted."""
+    covariance: list[list[float]] | None = None
+    """Covariance (6, 6) of the estimate by which offsets are judged together, of a twist on its left, metres and
+    radians; without correlations by edges. None where the estimate is not trusted."""
+    degrees_of_freedom: float | None = None
+    """Smallest number of degrees of freedom of its axes; None where the estimate is not trusted."""
 
     @property
     def sentence(self) -> str:
@@ -119,14 +124,23 @@ class Verification:
             return MISREAD
         if self.has_moved and self.verdict == "inconclusive" and not self.is_reasoned:
             return MOVED
-        of_transform = [check.verdict for check in self.checks if check.name != CLOCK]
-        is_clock_alone = together(of_transform) == "pass" and {*self.topics} <= {CLOCKS}
+        is_clock_alone = self._of_transform == "pass" and {*self.topics} <= {CLOCKS}
         sentence = (
             OF_CLOCK.get(self.verdict, SENTENCES[self.verdict]) if is_clock_alone else SENTENCES[self.verdict]
         )
         is_open = self.verdict == "inconclusive" and not self.is_reasoned
         limits = sufficient_limits(self.checks) if is_open else []
         return f"{sentence} It would pass with {' '.join(limits)}." if limits else sentence
+
+    @property
+    def _of_transform(self) -> Verdict:
+        """Verdict on all checks but that of the clock."""
+        return together(check.verdict for check in self.checks if check.name != CLOCK)
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the transform itself is beyond its limits, and does not look misread."""
+        return self._of_transform == "fail" and LOOKS_LIKE not in self.topics
 
     @property
     def is_reasoned(self) -> bool:
@@ -305,10 +319,11 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     reasons += [(finding.topic, finding.sentence) for finding in of_record]
     if of_record:
         verdict = "inconclusive" if verdict == "pass" else verdict
-    has_moved, smallest = None, None
+    has_moved, smallest, covariance = None, None, None
     if not findings and uncertainty is not None:
         is_beyond = any(check.verdict == "fail" for check in checks if check.name != CLOCK)
-        is_shown, smallest = _moved(error, uncertainty, is_rough=data.observations.is_multimodal)
+        covariance = _judged_covariance(uncertainty, is_rough=data.observations.is_multimodal)
+        is_shown, smallest = _moved(error, covariance, min(uncertainty.degrees_of_freedom))
         has_moved = is_shown or is_beyond
         notes = (*notes, _visible(smallest))
     is_trusted = smallest is not None
@@ -325,23 +340,31 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         data.drive.time_offset_s if clock is None else clock.time_offset_s,
         has_moved,
         smallest,
+        None if covariance is None else covariance.tolist(),
+        None if covariance is None or uncertainty is None else min(uncertainty.degrees_of_freedom),
     )
 
 
-def _moved(error: PoseError, uncertainty: Uncertainty, *, is_rough: bool) -> tuple[bool, PoseChange]:
+def _judged_covariance(uncertainty: Uncertainty, *, is_rough: bool) -> Matrix:
+    """Return the covariance (6, 6) by which offsets are judged together.
+
+    By edges, correlations do not count: frames share errors that only the width of each axis covers, and with them the
+    published poses of three KITTI sets counted as moved (`tests/benchmarks/verify.py`).
+    """
+    covariance = np.array(uncertainty.covariance)
+    return np.diag(np.diag(covariance)) if is_rough else covariance
+
+
+def _moved(error: PoseError, covariance: Matrix, degrees_of_freedom: float) -> tuple[bool, PoseChange]:
     """Test all six offsets together, and find the smallest offset along each axis alone that the test would show.
 
-    Rotation and position are correlated: a drive that cannot distinguish them still shows either one alone. By edges,
-    correlations do not count: frames share errors that only the width of each axis covers, and with them the published
-    poses of three KITTI sets counted as moved (`tests/benchmarks/verify.py`).
+    Rotation and position are correlated: a drive that cannot distinguish them still shows either one alone.
     """
     # A translation in the camera frame moves the camera's centre in the opposite direction.
     signs = np.repeat([-1.0, 1.0], 3)
-    covariance = np.array(uncertainty.covariance) * np.outer(signs, signs)
-    information = np.linalg.inv(np.diag(np.diag(covariance)) if is_rough else covariance)
+    information = np.linalg.inv(covariance * np.outer(signs, signs))
     offsets = np.concatenate([error.camera_center_xyz_m, error.rotation_xyz_rad])
-    freedom = np.array(uncertainty.degrees_of_freedom)
-    limit = joint_quantile(CHANCE, float(freedom.min()))
+    limit = joint_quantile(CHANCE, degrees_of_freedom)
     smallest = np.sqrt(limit / np.diag(information))
     visible = PoseChange(
         camera_center_m=smallest[:3].tolist(), rotation_deg=np.degrees(smallest[3:]).tolist()

@@ -1,4 +1,4 @@
-"""Quantiles of the squared length of six estimates."""
+"""Quantiles of the squared length of the six estimates of a pose."""
 
 from __future__ import annotations
 
@@ -21,14 +21,16 @@ def overall_width(offsets: npt.ArrayLike, half_widths: npt.ArrayLike) -> float:
     return float(np.linalg.norm(along * widths))
 
 
-def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
-    """Compute the quantile of the squared length of six estimates with individually estimated standard errors.
+def joint_quantile(alpha: float, degrees_of_freedom: float, num_poses: int = 1) -> float:
+    """Compute the quantile of the squared length of the estimates of poses with individually estimated standard errors.
 
     Args:
         alpha: Probability that chance exceeds the quantile.
         degrees_of_freedom: Degrees of freedom of the standard errors; with very many, the quantile is chi-square's.
+        num_poses: Number of poses, each of six estimates.
     """
-    return NUM_POSE * core.fisher_limit(alpha, NUM_POSE, degrees_of_freedom)
+    count = NUM_POSE * num_poses
+    return count * core.fisher_limit(alpha, count, degrees_of_freedom)
 
 
 def hotelling_quantile(alpha: float, degrees_of_freedom: float) -> float:

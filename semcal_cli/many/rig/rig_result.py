@@ -159,9 +159,18 @@ class RigFiles(NamedTuple):
     """All files of the rig and of its result, with the document of the result last."""
 
 
-def transforms_of(
-    rig: Rig, result: Path | None, max_points: int = MAX_POINTS
-) -> tuple[dict[str, Path], dict[str, str]]:
+class RigTransforms(NamedTuple):
+    """Where the transforms of a rig are stated."""
+
+    files: dict[str, Path]
+    """File of the transform of each camera with each LiDAR, by the names of the results."""
+    failures: dict[str, str]
+    """Why the others have none."""
+    paths: list[Path]
+    """All files of the rig and of its transforms."""
+
+
+def transforms_of(rig: Rig, result: Path | None, max_points: int = MAX_POINTS) -> RigTransforms:
     """Find the file that states the transform of each camera with each LiDAR.
 
     Args:
@@ -169,13 +178,11 @@ def transforms_of(
         result: Document of its result, or the folder that `semcal calibrate` wrote; None takes what the drives state.
         max_points: Points of the largest sweep that is read.
 
-    Returns:
-        The files, and why the others have none, by the names of the results.
-
     Raises:
         InputError: a file is missing or wrong, the result is from another rig, or a drive states no transform.
     """
     drives = rig.read_drives(max_points)
+    paths = [rig.path, *_files_of(drives)]
     if result is None:
         missing = [name for name, drive in drives.items() if drive.T_camera_lidar is None]
         if missing:
@@ -184,17 +191,21 @@ def transforms_of(
                 f"{rig.path}: found no transform of {listed(missing)} to verify; `{command}` takes those that "
                 "`semcal calibrate` wrote"
             )
-        return {name: drive.path for name, drive in drives.items()}, {}
+        return RigTransforms({name: drive.path for name, drive in drives.items()}, {}, paths)
     file = _document_of(result)
-    calibrated = read_rig_result(rig, drives, file)
+    rig_calibration, files = read_rig_result(rig, drives, file)
     failures = {
-        name: f"{file}: found no calibration of it: {why}" for name, why in calibrated.failures.items()
+        name: f"its calibration failed, says {file}: {why}" for name, why in rig_calibration.failures.items()
     }
-    return {name: file.with_name(f"{name}.yaml") for name in calibrated.cameras}, failures
+    return RigTransforms(files, failures, [*paths, *files.values(), file])
 
 
 def _document_of(result: Path) -> Path:
     return result / f"{RESULT}.yaml" if is_folder(result) else result
+
+
+def _files_of(drives: Mapping[str, Drive]) -> list[Path]:
+    return [path for drive in drives.values() for path in (drive.path, *map(drive.resolve, drive.files()))]
 
 
 def read_rig_files(rig: Rig, result: Path, max_points: int = MAX_POINTS) -> RigFiles:
@@ -210,16 +221,17 @@ def read_rig_files(rig: Rig, result: Path, max_points: int = MAX_POINTS) -> RigF
     """
     file = _document_of(result)
     drives = rig.read_drives(max_points)
-    rig_calibration = read_rig_result(rig, drives, file)
+    rig_calibration, files = read_rig_result(rig, drives, file)
     for name, record in rig_calibration.cameras.items():
         drives[name] = apply_result(record, drives[name], name).drive
-    paths = [path for drive in drives.values() for path in (drive.path, *map(drive.resolve, drive.files()))]
-    paths += [rig.path, *(file.with_name(f"{name}.yaml") for name in rig_calibration.cameras)]
-    return RigFiles(rig_calibration, drives, [*paths, file])
+    paths = [*_files_of(drives), rig.path, *files.values(), file]
+    return RigFiles(rig_calibration, drives, paths)
 
 
-def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibration:
-    """Read the result of a rig with the calibrations of its cameras.
+def read_rig_result(
+    rig: Rig, drives: Mapping[str, Drive], path: Path
+) -> tuple[RigCalibration, dict[str, Path]]:
+    """Read the result of a rig with the calibrations of its cameras, and name the files of these.
 
     Args:
         rig: The rig.
@@ -245,13 +257,13 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
             f"{path}: adjustment.cameras: found {listed(result.adjustment.cameras)}, expected some of "
             f"{listed(rig.sensors)}"
         )
-    cameras, failures = {}, {}
+    cameras, failures, files = {}, {}, dict[str, Path]()
     for name in drives:
         camera = named[name]
         if camera.calibration is None:
             failures[name] = "; ".join(camera.reasons)
             continue
-        file = path.parent / camera.calibration
+        file = files[name] = path.parent / camera.calibration
         cameras[name] = read_calibration(file)
         if cameras[name].rows_camera_lidar != camera.T_camera_lidar:
             raise InputError(
@@ -260,4 +272,5 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
     lidars = tuple(
         lidar.calibration(name, rig, drives, result.adjustment) for name, lidar in result.lidars.items()
     )
-    return combine(rig, drives, cameras, failures, result.num_sweeps, result.adjustment, lidars)
+    of_rig = combine(rig, drives, cameras, failures, result.num_sweeps, result.adjustment, lidars)
+    return of_rig, files

@@ -1,118 +1,162 @@
-"""Verification of a rig: the verdicts on its cameras, and whether one displacement of a LiDAR explains them."""
+"""Verification of a rig: the verdicts on its transforms, and whether one sensor that has moved explains them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from semcal_cli.config import Limits
 from semcal_cli.errors import counted
-from semcal_cli.findings.symptoms import LOOKS_LIKE
-from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.poses import PoseError, compare_poses, inverse
-from semcal_cli.many.rig.rig_document import FIRST_LIDAR
+from semcal_cli.estimation.uncertainty.quantiles import joint_quantile, overall_width
+from semcal_cli.findings.symptoms import MOVED_SENSOR
+from semcal_cli.geometry.arrays import Matrix, Pose, Vector
+from semcal_cli.geometry.poses import inverse, rotation_vector_deg
+from semcal_cli.geometry.twists import adjoint, local_coordinates, pose_at
+from semcal_cli.many.rig.rig_document import LidarView
 from semcal_cli.pipeline.verdict import Verdict, together
 from semcal_cli.pipeline.verification import Verification
 from semcal_cli.readable import figure
+from semcal_cli.result.uncertainty import NORMAL_95
 
-MIN_CAMERAS = 2
-"""Smallest number of cameras that tell a displaced LiDAR from a displaced camera."""
+RigVerdict: TypeAlias = Verdict | Literal["failed"]
+CHANCE = 0.05
+"""Probability that displacements of one sensor differ as much by chance, below which they are not of one."""
 
 
-class LidarDisplacement(NamedTuple):
-    """A displacement of a LiDAR that explains what is wrong with the transforms of all its cameras."""
+class MovedSensor(NamedTuple):
+    """A sensor whose displacement explains why exactly its own transforms fail."""
 
-    lidar: str
-    """Name of the LiDAR; empty if the rig has only one."""
+    name: str
+    """Name of the sensor; empty for the only LiDAR of a rig."""
+    is_camera: bool
     T_stated_found: Pose
-    """(4, 4) pose of the LiDAR in the frame that the transforms state for it, metres."""
+    """(4, 4) p_stated = T_stated_found * p_found, between where the transforms place the sensor and where it is."""
+    covariance: Matrix
+    """(6, 6) of a twist on the left of this transform, metres and radians."""
 
     @property
     def sentence(self) -> str:
-        """What the displacement is, and what to do."""
-        away = compare_poses(self.T_stated_found, np.eye(4))
-        by = f"{figure(100.0 * away.camera_center_m)} cm and {figure(away.rotation_deg)} degrees"
-        lidar = f"the LiDAR {self.lidar}".rstrip()
-        return f"one displacement of {lidar}, by {by}, explains all its cameras: look at its mount first"
+        """What has moved by how much, and what to do."""
+        half_widths = NORMAL_95 * np.sqrt(np.diag(self.covariance))
+        turned_deg, widths_deg = rotation_vector_deg(self.T_stated_found), np.degrees(half_widths[3:])
+        moved = _with_interval(100.0 * self.T_stated_found[:3, 3], 100.0 * half_widths[:3])
+        by = f"{moved} cm and {_with_interval(turned_deg, widths_deg)} degrees"
+        if self.is_camera:
+            return f"{self.name} is off with each of its LiDARs as if it had moved by {by}: look at its mount"
+        if self.name:
+            return (
+                f"the cameras of {self.name} are off as if this LiDAR had moved by {by}: look at its mount, and at the "
+                "frame of its points"
+            )
+        return (
+            f"all cameras are off as if the LiDAR had moved by {by}: look at its mount, at what carries all cameras, "
+            "and at the frame of the points"
+        )
 
 
 @dataclass(frozen=True)
 class RigVerification:
-    """Verdicts on the transforms of a rig's cameras."""
+    """Verdicts on the transforms of a rig, one for each camera with each LiDAR, by the names of their results."""
 
+    views: Mapping[str, LidarView]
+    """Camera and LiDAR of each transform."""
     stated: Mapping[str, Pose]
-    """(4, 4) transform of each camera with each LiDAR that was to be verified, by the names of the results."""
-    cameras: Mapping[str, Verification]
+    """(4, 4) each transform that was to be verified, metres."""
+    verifications: Mapping[str, Verification]
     """Verdict on each that could be verified."""
     failures: Mapping[str, str]
     """Error of each that could not."""
-    lidars: Mapping[str, str]
-    """LiDAR of each, by the names of the results."""
-    limits: Limits
 
     @property
-    def verdict(self) -> Verdict:
-        """Verdict on all cameras together; one that could not be verified fails."""
-        verdicts = [verification.verdict for verification in self.cameras.values()]
-        return together([*verdicts, "fail" if self.failures else "pass"])
+    def verdict(self) -> RigVerdict:
+        """Verdict on all transforms together; `failed` if one could not be verified."""
+        if self.failures:
+            return "failed"
+        return together(verification.verdict for verification in self.verifications.values())
+
+    @property
+    def deciding(self) -> str:
+        """Names of the transforms that decide the verdict, or the number of all."""
+        names = [*self.failures] or [
+            name for name, verification in self.verifications.items() if verification.verdict == self.verdict
+        ]
+        of_all = self._counted(len(self.views))
+        return of_all if len(names) == len(self.views) else f"{', '.join(names)}, of {of_all}"
 
     @property
     def failure(self) -> str:
-        """How many cameras could not be verified, and why the first one could not."""
+        """How many transforms could not be verified, and why the first one could not."""
         name, reason = next(iter(self.failures.items()))
-        return f"{counted(len(self.failures), 'camera')} could not be verified; {name}: {reason}"
+        return f"{len(self.failures)} of {self._counted(len(self.views))} could not be verified; {name}: {reason}"
+
+    def _counted(self, count: int) -> str:
+        num_lidars = len({view.lidar for view in self.views.values()})
+        return counted(count, "camera") if num_lidars == 1 else f"{count} transforms of {num_lidars} LiDARs"
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Displacements of LiDARs, then the reasons of all cameras, each after the name of its camera."""
-        of_cameras = self.cameras.items()
+        """The sensor that has moved, then the reasons of each transform after its name."""
         return (
-            *(displacement.sentence for displacement in self.displacements),
-            *(f"{name}: {reason}" for name, camera in of_cameras for reason in camera.reasons),
+            *(moved.sentence for moved in self.moved_sensors),
+            *(
+                f"{name}: {reason}"
+                for name, verification in self.verifications.items()
+                for reason in verification.reasons
+            ),
         )
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Topic of each of the reasons: its entry in docs/troubleshooting.md."""
-        of_cameras = (topic for camera in self.cameras.values() for topic in camera.topics)
-        return (*(LOOKS_LIKE for _ in self.displacements), *of_cameras)
+        of_transforms = (topic for found in self.verifications.values() for topic in found.topics)
+        return (*(MOVED_SENSOR for _ in self.moved_sensors), *of_transforms)
 
-    @property
-    def deciding(self) -> list[str]:
-        """Names of the cameras that decide the verdict, first those that could not be verified."""
-        of_cameras = self.cameras.items()
-        return [*self.failures, *(name for name, camera in of_cameras if camera.verdict == self.verdict)]
+    @cached_property
+    def moved_sensors(self) -> tuple[MovedSensor, ...]:
+        """The one sensor whose displacement explains all transforms that fail, if there is one.
 
-    @property
-    def displacements(self) -> list[LidarDisplacement]:
-        """Displacements of LiDARs that explain why all of their cameras fail, at most one a LiDAR."""
-        displacements, lidars = [], dict.fromkeys(self.lidars.values())
-        for lidar in lidars:
-            cameras = [name for name in self.lidars if self.lidars[name] == lidar]
-            are_off = all(name in self.cameras and self.cameras[name].verdict == "fail" for name in cameras)
-            if not are_off or len(cameras) < MIN_CAMERAS:
-                continue
-            # Each camera proposes the displacement that explains it; the best one leaves the least to the others.
-            proposed = [inverse(self.stated[name]) @ self.cameras[name].T_camera_lidar for name in cameras]
-            left, index = min((self._left_by(T, cameras), index) for index, T in enumerate(proposed))
-            if left <= 1.0:
-                displacements.append(LidarDisplacement(lidar if len(lidars) > 1 else "", proposed[index]))
-        return displacements
+        Several of its transforms, all of them, and no others fail, and the displacements that they show differ by no
+        more than chance. With one LiDAR, its displacement and that of all cameras together look alike.
+        """
+        off = {name for name, verification in self.verifications.items() if verification.is_off}
+        lidars = {view.lidar for view in self.views.values()}
+        sensors = [
+            *((camera, True) for camera in dict.fromkeys(view.camera for view in self.views.values())),
+            *((lidar, False) for lidar in sorted(lidars)),
+        ]
+        for sensor, is_camera in sensors:
+            own = [name for name, view in self.views.items() if sensor == view[0 if is_camera else 1]]
+            if len(own) > 1 and off == {*own} and (found := self._displacement(own, of_camera=is_camera)):
+                name = sensor if is_camera or len(lidars) > 1 else ""
+                return (MovedSensor(name, is_camera, *found),)
+        return ()
 
-    def _left_by(self, T_stated_found: Pose, cameras: list[str]) -> float:
-        """Return what a displacement of the LiDAR (4, 4) leaves of the cameras' offsets, as a part of the limits."""
+    def _displacement(self, names: list[str], *, of_camera: bool) -> tuple[Pose, Matrix] | None:
+        """Combine what transforms say of the displacement of their common sensor, weighted by their covariances.
 
-        def part(error: PoseError) -> float:
-            limits = self.limits
-            return max(error.rotation_deg / limits.rotation_deg, error.camera_center_m / limits.translation_m)
-
-        return max(
-            part(compare_poses(self.stated[name] @ T_stated_found, self.cameras[name].T_camera_lidar))
-            for name in cameras
-        )
+        Returns:
+            T_stated_found (4, 4) of the sensor and its covariance (6, 6); None if they differ by more than chance.
+        """
+        shown, information, freedom = [], [], np.inf
+        for name in names:
+            T_stated, verification = self.stated[name], self.verifications[name]
+            T_found, covariance = verification.T_camera_lidar, np.array(verification.covariance)
+            T = T_stated @ inverse(T_found) if of_camera else inverse(T_stated) @ T_found
+            # xi on the left of T_found is -Ad(T) xi on that of T_stated T_found^-1, and Ad(T_stated^-1) xi on that of
+            # T_stated^-1 T_found.
+            gain = adjoint(T if of_camera else inverse(T_stated))
+            shown.append(T)
+            information.append(np.linalg.inv(gain @ covariance @ gain.T))
+            freedom = min(freedom, verification.degrees_of_freedom or np.inf)
+        twists, covariance = local_coordinates(shown, shown[0]), np.linalg.inv(np.sum(information, axis=0))
+        mean = covariance @ np.einsum("nij,nj->i", information, twists)
+        chi_square = float(np.einsum("ni,nij,nj->", twists - mean, information, twists - mean))
+        if chi_square > joint_quantile(CHANCE, freedom, len(names) - 1):
+            return None
+        return pose_at(shown[0], mean), covariance
 
     @property
     def document(self) -> dict[str, Any]:
@@ -120,9 +164,19 @@ class RigVerification:
         failed = {name: {"verdict": "failed", "reasons": [reason]} for name, reason in self.failures.items()}
         return {
             "verdict": self.verdict,
-            "cameras": {name: camera.document for name, camera in self.cameras.items()} | failed,
-            "displaced_lidars": [
-                {"lidar": lidar or FIRST_LIDAR, "T_stated_found": T.tolist()}
-                for lidar, T in self.displacements
+            "transforms": {name: found.document for name, found in self.verifications.items()} | failed,
+            "moved_sensors": [
+                {
+                    "sensor": moved.name,
+                    "T_stated_found": moved.T_stated_found.tolist(),
+                    "covariance": moved.covariance.tolist(),
+                }
+                for moved in self.moved_sensors
             ],
         }
+
+
+def _with_interval(offset: Vector, half_widths: Vector) -> str:
+    """Write the length of an offset (3,), with as many digits as its interval has."""
+    half_width = figure(overall_width(offset, half_widths))
+    return f"{np.linalg.norm(offset):.{len(half_width.partition('.')[2])}f} +- {half_width}"
