@@ -84,7 +84,9 @@ def test_drives_in_a_row_and_two_at_a_time(drives: Path, whole: tuple[Result, Pa
         assert (one / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
-def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
+def test_only_what_changed_is_done_again(
+    copies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     arguments = command(copies, tmp_path / "out")
     run(arguments)
     results = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("calibration.yaml")}
@@ -111,8 +113,14 @@ def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
     assert redone() == {"003"}
     (result.parent / "record.json").write_text('{"asked": ')  # half a record is none
     assert redone() == {"003"}
-    arguments[-1:] = [arguments[-1], "--seed", "1"]
-    assert redone() == {path.parent.name for path in results}
+    team = tmp_path / "team.yaml"
+    arguments += ["--config", str(team)]
+    for seed in (1, 2):
+        team.write_text(f"semcal_options: 1\ncalibrate: {{seed: {seed}}}\n")
+        assert redone() == {path.parent.name for path in results}
+    arguments[-1] = team.name
+    monkeypatch.chdir(tmp_path)
+    assert redone() == set()
     arguments.insert(1, "--force")
     assert redone() == {path.parent.name for path in results}
     assert (tmp_path / "out/summary.jsonl").read_bytes() != before

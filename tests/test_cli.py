@@ -246,15 +246,23 @@ def test_a_drive_without_a_transform_is_verified_with_one_from_a_file(drive: Pat
     assert cli("verify", drive) == (EXIT_FAILURE, "", f"semcal: error: {drive}: {found}; {advice}\n")
 
 
+@pytest.mark.parametrize(
+    ("words", "completed"), [("semcal cal", "calibrate"), ("semcal convert --formats --int", "--into")]
+)
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion(shell: str, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_completion(
+    shell: str, words: str, completed: str, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
     code, out, _ = cli("completion", shell)
     assert code == 0
     assert f"_SEMCAL_COMPLETE={shell}_complete" in out
     monkeypatch.setenv("_SEMCAL_COMPLETE", f"{shell}_complete")
-    monkeypatch.setenv("COMP_WORDS", "semcal cal")
-    monkeypatch.setenv("COMP_CWORD", "cal" if shell == "fish" else "1")
-    assert "calibrate" in cli()[1]
+    *before, last = words.split()
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", last if shell == "fish" else str(len(before)))
+    out = cli()[1]
+    assert completed in out
+    assert "p_camera" not in out  # the table of formats
 
 
 def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:

@@ -126,7 +126,9 @@ def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> No
         "fail",
     )
     assert result.notes == ("ordered by name: some drives have no absolute timestamps",)
-    assert combine_drives(drives, Limits()).notes == ()
+    at_once = [replace(drive, stamp=drives[0].stamp) for drive in drives]
+    for stamped in (drives, drives[:1], at_once):
+        assert combine_drives(stamped, Limits()).notes == ()
 
 
 def test_cameras_that_differ_are_told() -> None:

@@ -11,11 +11,11 @@ NO_SUCH = "`semcal calibrate` takes no such option from a file"
 
 
 def test_options_of_a_file_are_those_that_are_typed(street: Path, tmp_path: Path) -> None:
-    """Files in it are relative to its folder, and what is typed comes first."""
+    """Files in it are relative to its folder, what is typed comes first, and a drive needs no topic of a recording."""
     (tmp_path / "team").mkdir()
     (tmp_path / "team/start.yaml").symlink_to(street / "drive.yaml")
     file = tmp_path / "team/options.yaml"
-    options = "init: start.yaml, cue: labels, frames: '0:2', seed: 5, no-polish: true"
+    options = "init: start.yaml, cue: labels, frames: '0:2', seed: 5, no-polish: true, points: /top"
     file.write_text(f"{HEAD}calibrate: {{{options}}}\nverify: {{max-rotation-deg: 0.1}}\n")
     words = ("--init", street, "--cue", "labels", "--frames", "0:2", "--no-polish")
     typed = invoke("calibrate", street, *words, "--seed", "3", "--json")
@@ -60,11 +60,16 @@ def test_a_wrong_file_is_one_line(content: str, message: str, street: Path, tmp_
 
 def test_a_contradiction_names_the_file(street: Path, tmp_path: Path) -> None:
     file = tmp_path / "options.yaml"
-    file.write_text(f"{HEAD}calibrate: {{init: a.yaml}}\nverify: {{json: true, junit: '-'}}\n")
+    file.write_text(
+        f"{HEAD}calibrate: {{init: a.yaml, report: a.html}}\nverify: {{json: true, junit: '-'}}\n"
+    )
     done = invoke("calibrate", street, "--config", file, "--from-nothing")
     assert done.exit_code == 2
     said = " ".join(done.output.split())
     assert f"--from-nothing cannot be used with --init. {file} states some options." in said
+    many = invoke("batch", street, "-o", tmp_path / "out", "--", "--config", file)
+    said = " ".join(many.output.split())
+    assert f"--report cannot be used with many drives. {file} states some options." in said
     both = invoke("verify", street, street, "--config", file)
     assert (both.exit_code, "--json and --junit would both write to standard output" in both.output) == (
         2,

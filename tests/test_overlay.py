@@ -369,7 +369,9 @@ def test_labels_and_a_video_are_drawn(street: Path, tmp_path: Path) -> None:
     assert str(kept.exception) == f"{tmp_path}/bare.mp4: found a file; choose another name, or add --force"
     again = invoke("overlay", street, street, "--max-frames", 1, "--video", tmp_path / "bare.mp4", "--force")
     assert again.exit_code == 0
-    assert invoke("overlay", street, street, "--video", tmp_path / "a.avi").exit_code == 1
+    wrong = invoke("overlay", street, street, "-o", tmp_path / "none", "--video", tmp_path / "a.avi")
+    assert str(wrong.exception) == f"{tmp_path}/a.avi: found suffix '.avi', expected .mp4"
+    assert not (tmp_path / "none").exists()
     assert invoke("overlay", street, street).exit_code == 2
 
 

@@ -286,18 +286,27 @@ def test_stages_are_shown_by_the_clock_that_they_were_found_with(
 
 
 def test_export_uses_it_for_the_poses_that_belong_to_it(
-    wrong_drive: Path, file: Path, right: Camera, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    wrong_drive: Path,
+    record: CalibrationDocument,
+    file: Path,
+    right: Camera,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """Those of the result, of the stage that estimated the camera, and of the stages after it."""
     pytest.importorskip("rerun")
     from semcal_cli.report import rerun_file
 
+    later = dict.fromkeys(("joint", "adjusted"), record.stages["polished"])
+    write_calibration(record.model_copy(update={"stages": record.stages | later}), file)
     drawn: dict[str, Camera] = {}
     monkeypatch.setattr(rerun_file, "_log_camera", lambda _, name, __, camera: drawn.update({name: camera}))
     found = invoke("export", "rerun", wrong_drive, file, "-o", tmp_path / "a.rrd", "--max-frames", 1)
     assert found.exit_code == 0, found.output
     assert unwrapped_errors(found).startswith(said(right, file))
     assert {"reference", "hypothesis_0", "stage_initial", "stage_polished"} < {*drawn}
-    assert drawn.pop("result") == right
+    for name in ("stage_joint", "stage_adjusted", "result"):
+        assert drawn.pop(name) == right
     assert {camera.K for camera in drawn.values()} == {spoiled(right).K}
 
 

@@ -260,9 +260,12 @@ def test_mistakes_are_named(rig: Path, changes: dict, complaint: str, tmp_path: 
 
 
 def test_usage(rig: Path, tmp_path: Path) -> None:
+    team = tmp_path / "team.yaml"
+    team.write_text("semcal_options: 1\ncalibrate: {init-rpy-xyz: [0, 0, 0, 0, 0, 0]}\n")
     for options in (
         [],
         ["--init", rig.parent / "camera_0"],
+        ["--frames", "0:2"],
         ["--to", "tum"],
         ["--json"],
         ["--image-model", "m"],
@@ -271,6 +274,8 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
         assert result.exit_code == 2
         message = f"Error: {options[0]} is for one camera, but {rig} is a rig." if options else "Error: -o: "
         assert message in result.output
+    of_file = run(rig, "-o", tmp_path, "--config", team)
+    assert f"--init-rpy-xyz is for one camera, but {rig} is a rig. {team} states some" in of_file.output
     assert "expected a folder" in str(run(rig, "-o", tmp_path / "out.yaml").exception)
     # Results would replace a drive of the rig.
     for name in NAMES:

@@ -160,6 +160,9 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
     rest: list[str] = click.get_current_context().meta.get(REST, [])
     calibration, command_settings = settings.calibration, _parse_rest(settings, rest)
     files = [] if calibration is None else [calibration]
+    named = dict[str, list[Path | str]]()
+    if command_settings.options_file is not None:
+        named["--config"] = [command_settings.options_file.absolute()]
     if isinstance(command_settings, CalibrateSettings):
         if settings.dask is None:
             command_settings.check_estimator()
@@ -168,9 +171,10 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
                     from semcal_cli.estimation.refine.mine import check_device
 
                 check_device("cuda")
-        for name, values in _files(settings, command_settings).items():
-            files += [value for value in values if isinstance(value, Path)]
-            rest = [*without_option(rest, name), *(word for value in values for word in (name, str(value)))]
+        named |= _files(settings, command_settings)
+    for name, values in named.items():
+        files += [value for value in values if isinstance(value, Path)]
+        rest = [*without_option(rest, name), *(word for value in values for word in (name, str(value)))]
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
     return partial(
@@ -212,14 +216,12 @@ def _files(settings: BatchSettings, command_settings: CalibrateSettings) -> dict
 
 def _parse_rest(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:
     """Parse the options that go to the command, and check everything that can be checked without a drive."""
-    from semcal_cli.many.batch.tasks import RESULTS
-
     if "--" in rest:
         raise click.UsageError("-- --: found a second --, expected options of the command")
     name, run = settings.command, COMMANDS[settings.command]
     arguments = ["DRIVE"] if settings.calibration is None else ["DRIVE", str(settings.calibration)]
     root = click.get_current_context().parent
-    with run.make_context(name, [*arguments, *rest], root, default_map={"output": RESULTS[name]}) as context:
+    with run.make_context(name, [*arguments, *rest], root) as context:
         refuse(context, OURS, "cannot be used with many drives")
         command_settings: CalibrateSettings | VerifySettings = run.settings_in(context)
         try:

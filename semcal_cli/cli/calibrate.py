@@ -9,7 +9,6 @@ import click
 
 from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.label import label_on_the_way
-from semcal_cli.cli.rules import CHOSEN_FRAMES
 from semcal_cli.cli.settings import command
 from semcal_cli.errors import NoStartError, shell
 
@@ -37,8 +36,6 @@ def calibrate(settings: CalibrateSettings) -> None:
     if (rig := find_rig(settings.drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
-        if settings.has_chosen_frames:
-            raise click.UsageError(CHOSEN_FRAMES)
         sys.exit(calibrate_rig(rig, settings if _has_output() else replace(settings, output=None)))
     drive, is_imported = settings.read_drive(), settings.drive != given.drive
     try:
@@ -61,7 +58,7 @@ def calibrate(settings: CalibrateSettings) -> None:
 
 
 def _has_output() -> bool:
-    """Whether -o is given, or set by a batch."""
+    """Whether -o is given."""
     source = click.get_current_context().get_parameter_source("output")
     return source is not click.core.ParameterSource.DEFAULT
 

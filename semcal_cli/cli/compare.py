@@ -57,14 +57,15 @@ def compare(settings: CompareSettings) -> None:
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
     from semcal_cli.cli.compare_several import ComparedFile, table_lines, write_csv, write_maps, write_plot
-    from semcal_cli.cli.outputs import check_outputs, check_plot, check_vacant
+    from semcal_cli.cli.outputs import PLOTS, check_outputs, check_vacant
     from semcal_cli.cli.tables import verdict_line, wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
+    from semcal_cli.files.output_files import check_suffix
     from semcal_cli.formats import read_reference
     from semcal_cli.pipeline.comparison import compare as difference, describe_cameras
     from semcal_cli.pipeline.verdict import together
 
-    check_plot(settings.plot)
+    check_suffix(settings.plot, *PLOTS)
     check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
     check_vacant(settings.csv, settings.plot, force=settings.force)
     paths = [settings.b, *settings.others]

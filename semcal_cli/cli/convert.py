@@ -49,7 +49,7 @@ def format_name(help: str, *names: str, **about: Any) -> Any:
 
 
 def _list_formats(ctx: click.Context, param: click.Parameter, lists_formats: bool) -> None:
-    if lists_formats:
+    if lists_formats and not ctx.resilient_parsing:
         from semcal_cli.cli.tables import wrapped
         from semcal_cli.formats.format_table import PLUGINS, all_formats
 

@@ -140,16 +140,6 @@ def _read_with_transform(
     return with_few_frames(applied.drive, settings.max_frames or len(whole.frames)), extrinsic
 
 
-def _check_json(path: Path) -> None:
-    """Check the suffix of a file for another program.
-
-    Raises:
-        InputError: it is not .json.
-    """
-    if path.suffix.lower() != ".json":
-        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .json")
-
-
 @dataclass(frozen=True, kw_only=True)
 class NerfstudioSettings(DriveSettings):
     """Settings of `export nerfstudio`."""
@@ -170,10 +160,10 @@ class NerfstudioSettings(DriveSettings):
 )
 def nerfstudio(settings: NerfstudioSettings) -> None:
     """Write a transforms.json."""
-    from semcal_cli.files.output_files import write_bytes
+    from semcal_cli.files.output_files import check_suffix, write_bytes
     from semcal_cli.formats.nerfstudio import transforms_json
 
-    _check_json(settings.output)
+    check_suffix(settings.output, ".json")
     terminal, output = settings.terminal(), settings.output
     drive, extrinsic = _read_with_transform(settings, terminal)
     write_bytes(transforms_json(drive, extrinsic.T_camera_lidar, output), output)
@@ -204,12 +194,12 @@ def colmap(settings: ColmapSettings) -> None:
     """Write a rig_config.json."""
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.files.output_files import write_bytes
+    from semcal_cli.files.output_files import check_suffix, write_bytes
     from semcal_cli.formats.colmap import RigCamera, rig_config
     from semcal_cli.many.rig.rig_document import find_rig
     from semcal_cli.many.rig.rig_result import read_rig_files
 
-    _check_json(settings.output)
+    check_suffix(settings.output, ".json")
     rig, terminal = find_rig(settings.drive), settings.terminal()
     if rig is None:
         raise InputError(

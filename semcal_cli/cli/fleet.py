@@ -45,10 +45,11 @@ class FleetSettings(LimitSettings, QuietSettings):
         Raises:
             InputError: a suffix does not match the file's format.
         """
-        from semcal_cli.cli.outputs import check_page, check_plot
+        from semcal_cli.cli.outputs import PLOTS, check_page
+        from semcal_cli.files.output_files import check_suffix
 
         check_page(self.page)
-        check_plot(self.plot)
+        check_suffix(self.plot, *PLOTS)
 
 
 @command(FleetSettings)

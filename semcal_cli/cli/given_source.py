@@ -14,7 +14,7 @@ import click
 from semcal_cli.cli.import_bag import BagSettings, import_recording
 from semcal_cli.cli.import_datasets import OWN_SETTINGS, DatasetSettings, import_dataset
 from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_page, folder_of
-from semcal_cli.cli.rules import refuse
+from semcal_cli.cli.rules import COMMANDLINE, refuse
 from semcal_cli.cli.settings import typed_words, without_option
 from semcal_cli.cli.tables import labelled, wrapped
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
@@ -143,6 +143,8 @@ def temporary_drive(settings: GivenSettings, terminal: Terminal, *outputs: Path 
 def _source_of(settings: GivenSettings) -> Recognised | None:
     """Recognise what is given in the place of a drive; None for a drive or a rig.
 
+    A file of options may state choices for other inputs than this one.
+
     Raises:
         click.UsageError: an option is for something else than what is given.
         InputError: it is neither, or makes no drive by itself.
@@ -150,9 +152,8 @@ def _source_of(settings: GivenSettings) -> Recognised | None:
     context, given = click.get_current_context(), settings.drive
     source = recognise(given)
     if source is None:
-        refuse(
-            context, (*OF_RECORDINGS, *OF_DATASETS), f"is for a recording or a data set, but {given} is none"
-        )
+        why = f"is for a recording or a data set, but {given} is none"
+        refuse(context, (*OF_RECORDINGS, *OF_DATASETS), why, sources=[COMMANDLINE])
         if is_folder(given) and not any((given / name).exists() for name in (DRIVE_FILE, RIG_FILE)):
             needed = f"expected a {DRIVE_FILE}, a recording or a data set"
             advice = "`semcal import --help` lists what makes a drive"
@@ -161,7 +162,7 @@ def _source_of(settings: GivenSettings) -> Recognised | None:
     if not source.is_importable:
         raise InputError(source.advice(given))
     others = OF_DATASETS if source.is_recording else OF_RECORDINGS
-    refuse(context, others, f"cannot be used with {source.name}")
+    refuse(context, others, f"cannot be used with {source.name}", sources=[COMMANDLINE])
     return replace(source, sequence=settings.sequence or source.sequence)
 
 

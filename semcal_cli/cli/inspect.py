@@ -91,10 +91,10 @@ def _write_mask(drive: Drive, path: Path) -> None:
     """Propose a mask of the car's own parts, and write it if there is one."""
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.files.image_files import write_image
+    from semcal_cli.files.output_files import check_suffix
     from semcal_cli.observations.proposed_mask import propose_mask
 
-    if path.suffix.lower() != ".png":
-        raise click.BadParameter(f"found suffix {path.suffix!r}, expected .png", param_hint="'--find-mask'")
+    check_suffix(path, ".png")
     own = drive.camera.mask
     before = drive.resolve(own) if isinstance(own, str) else None
     check_outputs([file for file in files_read(drive) if file != before], path)

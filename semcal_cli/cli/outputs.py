@@ -26,9 +26,9 @@ from semcal_cli.files.output_files import (
     STANDARD_OUTPUT,
     check_descriptor,
     check_replaceable,
+    check_suffix,
     descriptor,
     is_standard_stream,
-    takes_several,
     write_text,
 )
 from semcal_cli.observations.frame_selection import evenly_spaced
@@ -318,8 +318,8 @@ def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
         check_descriptor(path)
         if os.path.realpath(path) in real_paths:
             raise InputError(f"{path}: found a file that this run reads or writes; choose another name")
-        if takes_several(path):
-            continue
+        if descriptor(path) is not None or path.is_char_device():
+            continue  # It takes several outputs one after another.
         if is_standard_stream(path):
             raise InputError(f"{path}: found the file that the shell writes to; choose another name")
         if not path.exists() or path.is_file():
@@ -366,18 +366,8 @@ def check_page(path: Path | None) -> None:
     """
     if path is None or (not path.suffix and descriptor(path) is not None):
         return
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .html")
-
-
-def check_plot(path: Path | None) -> None:
-    """Check the suffix of a plot, if there is one.
-
-    Raises:
-        InputError: it is none of `PLOTS`.
-    """
-    if path is not None and path.suffix.lower() not in PLOTS:
-        raise InputError(f"{path}: found suffix {path.suffix!r}, expected {' or '.join(PLOTS)}")
+    if path.suffix.lower() != ".htm":
+        check_suffix(path, ".html")
 
 
 @contextmanager

@@ -125,13 +125,15 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
 
 
 def _few(drive: Drive, settings: OverlaySettings, folder: Path | None, read: list[Path]) -> Drive:
-    """Keep evenly spaced frames of a drive, and check that their images replace no input."""
+    """Keep evenly spaced frames of a drive, and check that what is drawn of them replaces no input."""
     from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_vacant
+    from semcal_cli.files.output_files import check_suffix
     from semcal_cli.observations.frame_selection import with_few_frames
 
     few = with_few_frames(drive, settings.max_frames)
     if folder is not None:
         check_image_folder(folder, read)
+    check_suffix(settings.video, ".mp4")
     check_outputs(read, settings.video)
     check_vacant(settings.video, force=settings.force)
     return few

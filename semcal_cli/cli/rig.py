@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 OF_ONE_CAMERA = (
     *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
-    *("--to", "--overlay", "--json", "--image-model"),
+    *("--frames", "--exclude", "--to", "--overlay", "--json", "--image-model"),
 )
 """Options of `calibrate` that make sense for a single camera only."""
 

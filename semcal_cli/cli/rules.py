@@ -14,17 +14,14 @@ from functools import partial
 import click
 
 COMMANDLINE, DEFAULT_MAP = click.core.ParameterSource.COMMANDLINE, click.core.ParameterSource.DEFAULT_MAP
-
+GIVEN = (COMMANDLINE, DEFAULT_MAP)
+"""Where options come from that are typed, or that the file of --config states."""
+OPTIONS_FILE = "options_file"
+"""Name of the parameter for a file of options."""
 FOR_ONE_CAMERA = "is for one camera, but {} is a rig"
 """Why an option is refused with a rig."""
 CHOSEN_FRAMES = "--frames, --exclude: found a rig, expected the drive of one camera."
-"""Why frames of a rig cannot be chosen, which a file of options may ask for, too."""
-
-
-def given_parameters(context: click.Context) -> list[click.Parameter]:
-    """List the parameters that are given on the command line."""
-    source = context.get_parameter_source
-    return [parameter for parameter in context.command.params if source(str(parameter.name)) is COMMANDLINE]
+"""Why frames of a rig cannot be chosen."""
 
 
 def _has(context: click.Context, term: str) -> bool:
@@ -43,7 +40,7 @@ def _holds(context: click.Context, term: str) -> bool:
     setting = context.params[name]
     if value:
         return value in setting if isinstance(setting, tuple) else setting == value
-    return context.get_parameter_source(name) in (COMMANDLINE, DEFAULT_MAP) and setting is not None
+    return context.get_parameter_source(name) in GIVEN and setting is not None
 
 
 @dataclass(frozen=True)
@@ -105,20 +102,35 @@ def none_of(*options: str, because: str) -> Rule:
     return Rule((), excluded=options, because=because)
 
 
-def refuse(context: click.Context, names: Iterable[str], why: str) -> None:
+def misuse(context: click.Context, complaint: str) -> click.UsageError:
+    """Make the error about options, which names the file that states some."""
+    file = context.params.get(OPTIONS_FILE)
+    return click.UsageError(f"{complaint} {file} states some options." if file else complaint, context)
+
+
+def refuse(
+    context: click.Context,
+    names: Iterable[str],
+    why: str,
+    sources: Sequence[click.core.ParameterSource] = GIVEN,
+) -> None:
     """Refuse options that the input does not allow.
 
     Args:
         context: The command.
         names: Names of the options to refuse.
         why: Rest of the sentence after the option's name.
+        sources: Where refused options come from.
 
     Raises:
         click.UsageError: one is given.
     """
-    used = {name for parameter in given_parameters(context) for name in parameter.opts}
+    source = context.get_parameter_source
+    used = {
+        name for item in context.command.params if source(str(item.name)) in sources for name in item.opts
+    }
     if name := next(filter(used.__contains__, names), None):
-        raise click.UsageError(f"{name} {why}.", context)
+        raise misuse(context, f"{name} {why}.")
 
 
 def _listed(options: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ from typing import Any, Generic, Literal, TypeVar, get_args, get_origin, get_typ
 import click
 
 from semcal_cli.cli.examples import examples_of
-from semcal_cli.cli.rules import COMMANDLINE, DEFAULT_MAP
+from semcal_cli.cli.rules import DEFAULT_MAP, GIVEN, OPTIONS_FILE, misuse
 from semcal_cli.config.setting import KEY, settings_of
 from semcal_cli.errors import ChoiceError, InputError, MisplacedError, first_of
 from semcal_cli.files.output_files import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
@@ -35,8 +35,6 @@ MAX_RANGE = 20
 """Largest number of characters of a range in the help."""
 MAX_COMMANDS = 8
 """Largest number of commands that an error lists."""
-OPTIONS_FILE = "options_file"
-"""Name of the parameter for a file of options."""
 OPTIONS, FIRST = "Options", "Most used options"
 """Headings in the help: of options without a section of their own, and of those that stand first."""
 HELP_ALL = "--help-all"
@@ -327,7 +325,7 @@ class SettingsCommand(ExampleCommand, Generic[Settings]):
         if ctx.resilient_parsing:
             return rest
         if complaint := next(filter(None, (rule.complaint(ctx) for rule in self.rules)), None):
-            raise click.UsageError(f"{complaint} {file} states some options." if file else complaint, ctx)
+            raise misuse(ctx, complaint)
         if ctx.params.get("as_json"):
             _check_stdout_is_free(ctx)
         return rest
@@ -459,7 +457,7 @@ def without_option(words: Sequence[str], name: str) -> list[str]:
 def _check_stdout_is_free(context: click.Context) -> None:
     """Check that no file goes to standard output, to which --json prints the result."""
     for parameter in context.command.params:
-        if context.get_parameter_source(str(parameter.name)) not in (COMMANDLINE, DEFAULT_MAP):
+        if context.get_parameter_source(str(parameter.name)) not in GIVEN:
             continue
         path, name = context.params[str(parameter.name)], parameter.opts[0]
         # Standard output is None as the file of the result.

@@ -178,9 +178,14 @@ def check_descriptor(path: Path) -> None:
         )
 
 
-def takes_several(path: Path) -> bool:
-    """Return whether a path can take several outputs one after another, as a descriptor or /dev/null can."""
-    return descriptor(path) is not None or path.is_char_device()
+def check_suffix(path: Path | None, *suffixes: str) -> None:
+    """Check the suffix of an output, in small or capital letters; None is no output.
+
+    Raises:
+        InputError: it is none of these.
+    """
+    if path is not None and path.suffix.lower() not in suffixes:
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected {' or '.join(suffixes)}")
 
 
 def is_standard_stream(path: Path) -> bool:

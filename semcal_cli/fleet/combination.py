@@ -63,7 +63,7 @@ def combine_drives(drives: Sequence[FleetDrive], limits: Limits, T_reference: Po
     return Fleet(
         verdict,
         reasons,
-        notes(usable, order),
+        notes(usable),
         checks,
         T_now,
         covariance + series.covariance_of_intrinsics,

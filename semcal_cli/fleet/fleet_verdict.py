@@ -20,7 +20,6 @@ from semcal_cli.result.uncertainty import CHECK_NAMES, widest
 if TYPE_CHECKING:
     from semcal_cli.fleet.fleet_drives import FleetDrive
     from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, RigPart
-    from semcal_cli.many.chronology import Order
 
 MIN_DRIVES = 3
 """Minimum number of drives that show how much drives scatter."""
@@ -116,10 +115,10 @@ def conclude(
     return together(verdicts), tuple(reasons)
 
 
-def notes(drives: Sequence[FleetDrive], order: Order) -> tuple[str, ...]:
+def notes(drives: Sequence[FleetDrive]) -> tuple[str, ...]:
     """List notes for the reader that do not affect the verdict."""
     sentences = []
-    if order == "name":
+    if not all(map(has_date, drives)):
         sentences.append("ordered by name: some drives have no absolute timestamps")
     num_cameras = len({drive.camera for drive in drives if drive.camera is not None})
     if num_cameras > 1:

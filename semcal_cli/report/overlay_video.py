@@ -15,22 +15,12 @@ from semcal_cli.geometry.arrays import Image
 
 FPS = 5.0
 """Frames of a drive in a second: slow enough to look at each."""
-SUFFIX, CODEC = ".mp4", "mp4v"
+CODEC = "mp4v"
 FAST = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
-def check_video(path: Path) -> None:
-    """Check the suffix of a video.
-
-    Raises:
-        InputError: it is not .mp4.
-    """
-    if path.suffix.lower() != SUFFIX:
-        raise InputError(f"{path}: found suffix {path.suffix!r}, expected {SUFFIX}")
-
-
 def write_video(images: Iterable[Image], path: Path) -> None:
-    """Write images (H, W, 3), blue, green, red, which may differ in size; smaller ones get black margins.
+    """Write images (H, W, 3), blue, green, red, as .mp4. They may differ in size; smaller ones get black margins.
 
     One image at a time is in memory: the size of the video is known only once all have been drawn, so they wait in
     files without loss.
@@ -46,7 +36,7 @@ def write_video(images: Iterable[Image], path: Path) -> None:
                 raise InputError(f"{path}: its images cannot be written to {folder}")
             height, width = max(height, image.shape[0]), max(width, image.shape[1])
         size = width + width % 2, height + height % 2  # The codec takes even sides.
-        part = Path(folder) / f"video{SUFFIX}"
+        part = Path(folder) / "video.mp4"
         writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*CODEC), FPS, size)
         for file in files:
             writer.write(_padded(file, size))

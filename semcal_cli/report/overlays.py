@@ -40,7 +40,7 @@ from semcal_cli.report.colors import (
 )
 from semcal_cli.report.dots import PLAIN, DotStyle, draw_dots
 from semcal_cli.report.named_frames import frame_paths
-from semcal_cli.report.overlay_video import check_video, write_video
+from semcal_cli.report.overlay_video import write_video
 from semcal_cli.report.ply import write_ply
 from semcal_cli.report.points import (
     ProjectedPoints,
@@ -165,12 +165,11 @@ class Overlays:
         return write_ply(self.drive, self.observations, list(self.poses.values())[-1], folder)
 
     def write_video(self, path: Path) -> None:
-        """Write all frames as a video.
+        """Write all frames as a video, .mp4.
 
         Raises:
-            InputError: the suffix is not .mp4, a frame cannot be drawn, or the file cannot be written.
+            InputError: a frame cannot be drawn, or the file cannot be written.
         """
-        check_video(path)
         write_video(map(self.image, range(self.observations.num_frames)), path)
 
     def write(self, frame: int, path: Path) -> None:

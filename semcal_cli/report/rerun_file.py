@@ -19,7 +19,7 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import InputError
 from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import read_bytes
-from semcal_cli.files.output_files import write_bytes
+from semcal_cli.files.output_files import check_suffix, write_bytes
 from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.motion import unrolled
@@ -48,7 +48,7 @@ def cameras_of(
     Args:
         extrinsic: The calibration.
         initial_camera: Camera that the calibration started with.
-        result_camera: Camera that the result belongs to, and the stage that estimated it.
+        result_camera: Camera that the result belongs to, the stage that estimated it, and those after it.
     """
     calibration, result = extrinsic.record, {"result": (extrinsic.T_camera_lidar, result_camera)}
     if calibration is None:
@@ -57,8 +57,9 @@ def cameras_of(
         f"hypothesis_{index}": (hypothesis.pose, initial_camera)
         for index, hypothesis in enumerate(calibration.hypotheses)
     }
+    camera = initial_camera
     for name, stage in calibration.stages.items():
-        camera = result_camera if name == "joint" else initial_camera
+        camera = result_camera if name == "joint" else camera
         cameras[f"stage_{name}"] = np.array(stage.T_camera_lidar), camera
     return cameras | result
 
@@ -79,8 +80,7 @@ def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: 
     """
     if os.environ.get("RERUN", "").lower() in ("off", "0", "false"):
         raise InputError("RERUN: the viewer's library is switched off in the environment; switch it on")
-    if path.suffix != ".rrd":
-        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .rrd")
+    check_suffix(path, ".rrd")
     has_labels = all(frame.point_labels and frame.image_labels for frame in drive.frames)
     observations = read_observations(drive) if has_labels else load_points(drive)
     if cameras:
