@@ -120,7 +120,7 @@ def test_an_answer_that_never_comes_is_given_up(
     """A header whose bytes come one by one keeps each single wait short."""
     monkeypatch.setattr(hub_answers, "ANSWER_S", 0.2)
     with pytest.raises(ValueError, match=r"found no whole answer, expected one within 0\.2 s"):
-        hub_answers._within(0.2, lambda: sleep(2.0))
+        hub_answers.within(0.2, lambda: sleep(2.0))
 
 
 def test_a_redirection_s_body_is_not_read(

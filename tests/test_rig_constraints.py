@@ -65,7 +65,7 @@ def test_errors_after_the_adjustment_are_as_it_says(alone: CalibrationDocument) 
         )
         before.append(sum(np.trace(root @ root.T) for root in roots.values()))
         after.append(np.trace(np.array(adjustment.covariance)))
-        assert all(compared.is_kept for compared in adjustment.constraints)
+        assert all(compared.is_explained for compared in adjustment.constraints)
     # Chi-square with 18 degrees of freedom: its mean, and the standard error of that.
     assert np.mean(squares) == pytest.approx(18.0, abs=4.0 * 6.0 / np.sqrt(300))
     assert np.mean(after) < 0.8 * np.mean(before)
@@ -104,7 +104,9 @@ def test_a_wrong_constraint_is_named_and_draws_nothing(alone: CalibrationDocumen
     spoiled = list(right)
     spoiled[place] = constraint(*pairs[place], wrong @ np.array(right[place].T_to_from))
     adjustment, found = adjust(cameras, spoiled)
-    assert [compared.is_kept for compared in adjustment.constraints] == [index != place for index in range(3)]
+    assert [compared.is_explained for compared in adjustment.constraints] == [
+        index != place for index in range(3)
+    ]
     _, expected = adjust(cameras, [each for index, each in enumerate(right) if index != place])
     for name in CAMERAS:
         assert found[name][0] == pytest.approx(expected[name][0], abs=1e-12)
@@ -129,7 +131,9 @@ def test_a_slightly_wrong_one_of_a_loop_is_found_in_any_place(alone: Calibration
         for index, (to, source) in enumerate(pairs)
     ]
     adjustment, _ = adjust(cameras, constraints)
-    assert [compared.is_kept for compared in adjustment.constraints] == [index != place for index in range(3)]
+    assert [compared.is_explained for compared in adjustment.constraints] == [
+        index != place for index in range(3)
+    ]
 
 
 def test_errors_that_cameras_share_do_not_average_out(alone: CalibrationDocument) -> None:

@@ -17,7 +17,7 @@ from semcal_cli.files.array_forms import COLORS, POINTS, Form, check_array, imag
 from semcal_cli.formats import write_transform
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import camera_center
-from semcal_cli.observations.reading import read_clouds, read_frame_image
+from semcal_cli.observations.reading import read_clouds, read_needed_image
 from semcal_cli.readable import signed
 from semcal_cli.result.calibration_document import (
     CalibrationDocument,
@@ -131,8 +131,7 @@ class Calibration(CalibrationDocument):
             for frame in (each for each in frames if each.image is not None):
                 assert drive is not None
                 one = drive.model_copy(update={"frames": (frame,)})
-                (cloud,), image = read_clouds(one), read_frame_image(one, frame)
-                assert image is not None
+                (cloud,), image = read_clouds(one), read_needed_image(one, frame)
                 drawn = self.overlay(image_of(image), cloud.points)
                 scale = min(1.0, WIDTH_PX / drawn.shape[1])
                 small = cv2.resize(drawn[..., ::-1], None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

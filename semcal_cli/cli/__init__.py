@@ -157,8 +157,7 @@ def run(arguments: Sequence[str]) -> Ending:
         return _invoke(arguments)
     except SemcalError as error:
         failure: Exception = error
-        # The message is one line, even if a file's name contains a line break.
-        line = " ".join(str(error).splitlines())
+        line = str(error)
     except BrokenPipeError:
         _silence_closed_pipe()
         return Ending(EXIT_FAILURE, "the output was closed early")

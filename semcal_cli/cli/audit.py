@@ -91,7 +91,7 @@ def audit(settings: AuditSettings) -> None:
     with terminal:
         config = CalibrationConfig(cues=settings.cues)
         write_text(audit_page_html(audited, documents, limits, config, terminal.show), settings.output)
-    terminal.print_paths("report", [settings.output])
+    terminal.print_path("report", settings.output)
     report.tell_github()
     sys.exit(worst_exit_code(outcome.exit_code for outcome in outcomes))
 

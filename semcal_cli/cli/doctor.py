@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from threading import Thread
 from typing import NamedTuple
 
 import click
@@ -112,7 +111,11 @@ def _cache() -> str:
 
 def _network() -> str:
     """Describe whether the hub answers."""
-    from semcal_cli.labelling.hub_answers import without_passwords
+    from http.client import HTTPException
+    from urllib.error import HTTPError
+    from urllib.request import Request, urlopen
+
+    from semcal_cli.labelling.hub_answers import within, without_passwords
 
     endpoint = os.environ.get("HF_ENDPOINT") or HUB
     without = (
@@ -120,26 +123,17 @@ def _network() -> str:
     )
     if os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "TRUE", "YES", "ON"):
         return f"not used, because HF_HUB_OFFLINE is set. {without}"
-    failures = [f"no answer within {TIMEOUT_S:g} s"]
     # A name and a password are not for those who read the report; the hub answers without them, too.
     shown = without_passwords(endpoint) if "://" in endpoint else endpoint.rpartition("@")[2]
     if not endpoint.startswith(("http://", "https://")):
         return f"{shown}: found in HF_ENDPOINT, expected an address that begins with https://. {without}"
 
     def ask() -> None:
-        from http.client import HTTPException
-        from urllib.error import HTTPError
-        from urllib.request import Request, urlopen
+        with suppress(HTTPError), urlopen(Request(shown, method="HEAD"), timeout=TIMEOUT_S):
+            pass
 
-        try:
-            with suppress(HTTPError), urlopen(Request(shown, method="HEAD"), timeout=TIMEOUT_S):
-                pass
-            failures.clear()
-        except (OSError, ValueError, HTTPException) as error:
-            failures[:] = [reason(error)]
-
-    # The resolution of a name has no time limit of its own.
-    asking = Thread(target=ask, daemon=True)
-    asking.start()
-    asking.join(TIMEOUT_S)
-    return f"{shown} is not reachable ({failures[0]}). {without}" if failures else f"{shown} answers"
+    try:
+        within(TIMEOUT_S, ask)  # The resolution of a name has no time limit of its own.
+    except (OSError, ValueError, HTTPException) as error:
+        return f"{shown} is not reachable ({reason(error)}). {without}"
+    return f"{shown} answers"

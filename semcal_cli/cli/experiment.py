@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from semcal_cli.cli.options import max_points
-from semcal_cli.cli.settings import KNOWN_TRANSFORMS, SettingsCommand, argument, option, setting_of
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, command, option, setting_of
 from semcal_cli.cli.terminal import clock_time, live_lines, make_console, running_lines, time_left
 from semcal_cli.config import MAX_SEED, CalibrationConfig
 from semcal_cli.errors import check_torch
@@ -110,7 +110,7 @@ def _compare_methods(name: str, settings: MethodsSettings, chosen: tuple[str, ..
     click.echo(measure(runs, settings.jobs), nl=False)
 
 
-@experiment.command(cls=SettingsCommand, settings=PairsSettings)
+@command(PairsSettings, experiment)
 def pairs(settings: PairsSettings) -> None:
     """Compare methods over the number of pairs.
 
@@ -122,7 +122,7 @@ def pairs(settings: PairsSettings) -> None:
     _compare_methods("pairs", settings, settings.pairs)
 
 
-@experiment.command(cls=SettingsCommand, settings=MethodsSettings)
+@command(MethodsSettings, experiment)
 def noise(settings: MethodsSettings) -> None:
     """Compare methods over the share of wrong labels.
 
@@ -149,7 +149,7 @@ class TableSettings(ExperimentSettings):
     max_points: int = max_points()
 
 
-@experiment.command(cls=SettingsCommand, settings=TableSettings)
+@command(TableSettings, experiment)
 def table(settings: TableSettings) -> None:
     """Compare methods on DRIVE with its reference.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import DriveSettings, reference_direction
-from semcal_cli.cli.settings import KNOWN_TRANSFORMS, SettingsCommand, argument, option
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, command, option
 from semcal_cli.config.directions import Direction
 from semcal_cli.errors import InputError, check_installed, counted, one_of
 
@@ -37,9 +37,9 @@ class RerunSettings(DriveSettings):
     spawn: bool = option("Also open the file in the Rerun viewer.", default=False)
 
 
-@export.command(
-    cls=SettingsCommand,
-    settings=RerunSettings,
+@command(
+    RerunSettings,
+    export,
     help="Write DRIVE for the Rerun viewer: sweeps and images with their labels over time, and a camera at each pose "
     "of CALIBRATION (hypotheses, stages and result), or at the single pose of another file. CALIBRATION is "
     f"{KNOWN_TRANSFORMS}. Open the file with `rerun FILE.rrd`.",
@@ -94,9 +94,9 @@ class McapSettings(DriveSettings):
     max_frames: int | None = option("Write at most N evenly spaced frames; all if not given.", minimum=1)
 
 
-@export.command(
-    cls=SettingsCommand,
-    settings=McapSettings,
+@command(
+    McapSettings,
+    export,
     help="Write DRIVE as a recording of ROS 2, for Foxglove: sweeps, images, camera_info, and the transform in "
     f"CALIBRATION in /tf_static. CALIBRATION is {KNOWN_TRANSFORMS}. In Foxglove, open the file, add an Image panel of "
     "/camera/image_raw/compressed with the calibration /camera/camera_info, and show /points in it.",
@@ -150,9 +150,9 @@ class NerfstudioSettings(DriveSettings):
     max_frames: int | None = option("Write at most N evenly spaced frames; all if not given.", minimum=1)
 
 
-@export.command(
-    cls=SettingsCommand,
-    settings=NerfstudioSettings,
+@command(
+    NerfstudioSettings,
+    export,
     help="Write the images of DRIVE with their poses for nerfstudio: those of the LiDAR in `motion:`, with the "
     f"transform in CALIBRATION. CALIBRATION is {KNOWN_TRANSFORMS}. The world is the LiDAR's frame at the first image. "
     "The images stay where they are.",
@@ -182,9 +182,9 @@ class ColmapSettings(DriveSettings):
     )
 
 
-@export.command(
-    cls=SettingsCommand,
-    settings=ColmapSettings,
+@command(
+    ColmapSettings,
+    export,
     help="Write the cameras of RIG, a rig.yaml, as a rig of COLMAP 3.12 or later, with their intrinsics. RESULTS is "
     "the folder that semcal calibrate wrote. COLMAP knows no LiDAR, so one camera is the frame of its rig; each entry "
     "also has T_camera_lidar, which COLMAP ignores. COLMAP expects the images of each camera in a folder of its name.",
@@ -250,9 +250,9 @@ class PlySettings(DriveSettings):
     max_frames: int = option("Write at most N evenly spaced frames.", default=20, minimum=1)
 
 
-@export.command(
-    cls=SettingsCommand,
-    settings=PlySettings,
+@command(
+    PlySettings,
+    export,
     help="Write the points of each frame of DRIVE that the camera sees at the transform in CALIBRATION, with the "
     f"colours of the image, as .ply. CALIBRATION is {KNOWN_TRANSFORMS}. Points are in the LiDAR frame, in metres.",
     short_help="Coloured points, .ply.",
@@ -264,7 +264,7 @@ def ply(settings: PlySettings) -> None:
     from semcal_cli.formats import read_reference
     from semcal_cli.observations.frame_selection import with_few_frames
     from semcal_cli.observations.reading import load_points
-    from semcal_cli.report.overlays import Overlays
+    from semcal_cli.report.ply import write_ply
     from semcal_cli.result.applied import apply_result
 
     whole = read_drive(settings.drive, settings.max_points)
@@ -274,5 +274,5 @@ def ply(settings: PlySettings) -> None:
     terminal = settings.terminal()
     terminal.print_changes(applied.changes)
     drive = with_few_frames(applied.drive, settings.max_frames)
-    overlays = Overlays(drive, load_points(drive), {"result": extrinsic.T_camera_lidar})
-    terminal.print(*map(str, overlays.write_points(settings.output)))
+    paths = write_ply(drive, load_points(drive), extrinsic.T_camera_lidar, settings.output)
+    terminal.print(*map(str, paths))

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -32,49 +32,13 @@ from semcal_cli.files.output_files import write_bytes
 from semcal_cli.importing.recognition import Recognised, recognise
 
 if TYPE_CHECKING:
-    from semcal_cli.cli.calibrate_options import CalibrateSettings
+    from semcal_cli.cli.calibrate_options import CalibrateSettings, RecordingSettings
     from semcal_cli.cli.terminal import Terminal
 
 OF_RECORDINGS, OF_DATASETS = ("--points", "--image", "--intrinsics"), ("--sequence", "--camera")
 """Options that choose from a recording, and from a data set."""
 ODOMETRY = "kiss_icp"
 """Library that estimates the motion."""
-
-
-class GivenSettings(Protocol):
-    """What the settings of a command say of a recording or a data set: its path, and the choices of its import."""
-
-    @property
-    def drive(self) -> Path:
-        """A drive, or what is given in its place."""
-
-    @property
-    def max_points(self) -> int:
-        """Largest sweep to accept, in points."""
-
-    @property
-    def quiet(self) -> bool:
-        """Whether only errors and results are printed."""
-
-    @property
-    def points(self) -> str | None:
-        """Topic of a recording's sweeps."""
-
-    @property
-    def image(self) -> str | None:
-        """Topic of a recording's images."""
-
-    @property
-    def camera_file(self) -> Path | None:
-        """File with the intrinsics of a recording."""
-
-    @property
-    def sequence(self) -> str | None:
-        """Name of a data set's sequence."""
-
-    @property
-    def camera(self) -> str | None:
-        """Name of a data set's camera."""
 
 
 def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSettings:
@@ -88,7 +52,7 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
         InputError: nothing can be calibrated, or the import fails.
     """
     given = settings.drive
-    if (source := _source_of(settings)) is None:
+    if (source := _source_of(given, settings)) is None:
         return settings
     drive, typed = folder_of(settings.output) / source.drive, settings
     settings = _illustrated(settings)
@@ -111,11 +75,14 @@ def with_drive(settings: CalibrateSettings, terminal: Terminal) -> CalibrateSett
 
 
 @contextmanager
-def temporary_drive(settings: GivenSettings, terminal: Terminal, *outputs: Path | None) -> Iterator[Path]:
+def temporary_drive(
+    given: Path, settings: RecordingSettings, terminal: Terminal, *outputs: Path | None
+) -> Iterator[Path]:
     """Import what is given in the place of a drive into a temporary one; a drive stays as it is.
 
     Args:
-        settings: What is given, and the choices of its import.
+        given: The path.
+        settings: The choices of the import.
         terminal: Where to print what is left out of it.
         outputs: Files that the command will write, which must not replace what is given.
 
@@ -127,8 +94,7 @@ def temporary_drive(settings: GivenSettings, terminal: Terminal, *outputs: Path 
         ChoiceError: there are several topics, sequences or cameras.
         InputError: the import fails.
     """
-    given = settings.drive
-    if (source := _source_of(settings)) is None:
+    if (source := _source_of(given, settings)) is None:
         yield given
         return
     check_outputs([given], *outputs)
@@ -140,7 +106,7 @@ def temporary_drive(settings: GivenSettings, terminal: Terminal, *outputs: Path 
         yield drive
 
 
-def _source_of(settings: GivenSettings) -> Recognised | None:
+def _source_of(given: Path, settings: RecordingSettings) -> Recognised | None:
     """Recognise what is given in the place of a drive; None for a drive or a rig.
 
     A file of options may state choices for other inputs than this one.
@@ -149,7 +115,7 @@ def _source_of(settings: GivenSettings) -> Recognised | None:
         click.UsageError: an option is for something else than what is given.
         InputError: it is neither, or makes no drive by itself.
     """
-    context, given = click.get_current_context(), settings.drive
+    context = click.get_current_context()
     source = recognise(given)
     if source is None:
         why = f"is for a recording or a data set, but {given} is none"
@@ -182,7 +148,7 @@ def _choices_of_import(source: Recognised, drive: Path, options: list[str]) -> I
 
 
 def _import(
-    settings: GivenSettings,
+    settings: RecordingSettings,
     source: Recognised,
     drive: Path,
     terminal: Terminal,
@@ -190,7 +156,7 @@ def _import(
     is_temporary: bool = False,
 ) -> None:
     """Make the drive of a recording or a data set."""
-    about: dict[str, Any] = {"output": drive, "quiet": settings.quiet}
+    about: dict[str, Any] = {"output": drive, "quiet": terminal.console.quiet}
     read = source.root if is_temporary else None
     if source.is_recording:
         _import_recording(settings, source.root, terminal, about, read)
@@ -259,7 +225,7 @@ def _illustrated(settings: CalibrateSettings) -> CalibrateSettings:
     return replace(settings, page=page, images=images)
 
 
-def _options(settings: GivenSettings, *, is_recording: bool) -> list[str]:
+def _options(settings: RecordingSettings, *, is_recording: bool) -> list[str]:
     """List the options of the import of a recording or a data set."""
     chosen = {
         "--points": settings.points,
@@ -272,7 +238,7 @@ def _options(settings: GivenSettings, *, is_recording: bool) -> list[str]:
 
 
 def _import_recording(
-    settings: GivenSettings,
+    settings: RecordingSettings,
     path: Path,
     terminal: Terminal,
     about: dict[str, Any],

@@ -14,7 +14,7 @@ from semcal_cli.cli.import_settings import max_gap, sweeps_drive, tell_written
 from semcal_cli.cli.import_values import SpinOfLidar
 from semcal_cli.cli.options import QuietSettings
 from semcal_cli.cli.rules import given, one_of
-from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
+from semcal_cli.cli.settings import argument, command, made_of, option
 from semcal_cli.config.directions import CameraFrame
 from semcal_cli.errors import check_installed, counted, printable, shell
 
@@ -115,11 +115,7 @@ class BagSettings(QuietSettings):
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
 
-@click.command(
-    cls=SettingsCommand,
-    settings=BagSettings,
-    short_help="A ROS or Foxglove recording: .bag, MCAP, .db3, or a folder of them.",
-)
+@command(BagSettings, short_help="A ROS or Foxglove recording: .bag, MCAP, .db3, or a folder of them.")
 def bag(settings: BagSettings) -> None:
     """Make a drive from a recording. ROS is not needed. Several PATHs are parts of one recording.
 

@@ -15,7 +15,7 @@ from semcal_cli.cli.import_settings import ImportSettings, max_gap, sweeps_drive
 from semcal_cli.cli.import_values import PointColumns, TimeUnit
 from semcal_cli.cli.options import max_points
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import SettingsCommand, made_of, option
+from semcal_cli.cli.settings import SettingsCommand, command, made_of, option
 from semcal_cli.config.directions import Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointType
 from semcal_cli.config.synchronization import Synchronization
@@ -115,9 +115,9 @@ def _pattern_of(files: list[str]) -> str:
     return str(first.with_name(f"*{first.suffix}"))
 
 
-@click.command(
+@command(
+    FolderSettings,
     cls=FolderCommand,
-    settings=FolderSettings,
     short_help="Your own files, found by patterns and paired by time or by name.",
     help="""Make a drive from your own files.
 

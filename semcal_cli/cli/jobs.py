@@ -43,7 +43,7 @@ def calibrate_each(
             outputs.write(calibration, terminal, num_threads)
             calibrations[name] = calibration
         except SemcalError as error:
-            failures[name] = " ".join(str(error).splitlines())
+            failures[name] = str(error)
             terminal.print(labelled("failed", failures[name]))
     return calibrations, failures
 

@@ -249,7 +249,7 @@ class Outputs:
 
     def _illustrate(self, drive: Drive, calibration: CalibrationDocument, terminal: Terminal) -> None:
         """Write the report and the overlays of a calibration, if requested, from the frames that it used."""
-        from semcal_cli.report import make_report_input, write_report
+        from semcal_cli.report import make_report_input, page
 
         with terminal:
             terminal.show("reading frames")
@@ -257,8 +257,8 @@ class Outputs:
                 drive, str(self.output or "calibration"), calibration.pose, calibration
             )
             if self.page is not None:
-                write_report(report, self.page, terminal.show)
-                terminal.print_paths("report", [self.page])
+                page.write_report(report, self.page, terminal.show)
+                terminal.print_path("report", self.page)
                 self._name_command(terminal, "report", drive, self.page)
             if self.images is not None:
                 terminal.show("drawing points on images")

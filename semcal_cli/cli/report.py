@@ -40,7 +40,7 @@ def report(settings: ReportSettings) -> None:
     from semcal_cli.many.rig.rig_document import find_rig
     from semcal_cli.many.rig.rig_page import rig_page_html
     from semcal_cli.many.rig.rig_result import read_rig_files
-    from semcal_cli.report import read_report_input, write_report
+    from semcal_cli.report import page, read_report_input
     from semcal_cli.threads import set_num_threads
 
     calibration, output, against = settings.calibration, settings.output, settings.against
@@ -62,7 +62,7 @@ def report(settings: ReportSettings) -> None:
             terminal.show("reading frames")
             shown = read_report_input(drive, calibration, against, settings.reference_direction)
             terminal.print_changes(shown.changes)
-            write_report(shown, output, terminal.show)
+            page.write_report(shown, output, terminal.show)
     terminal.print(str(output))
     if settings.is_opened:
         click.launch(str(output))

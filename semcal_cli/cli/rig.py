@@ -118,7 +118,7 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         used = {name: apply_result(cameras.get(name), drive, name).drive for name, drive in drives.items()}
         with terminal:
             write_text(rig_page_html(result_of_rig, used, (str(rig.path), str(result)), terminal.show), page)
-        terminal.print_paths("report", [page])
+        terminal.print_path("report", page)
     _print_verdict(result_of_rig, terminal)
     if failures:
         raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
@@ -234,7 +234,11 @@ def _lines(calibration: RigCalibration, result: Path) -> list[str]:
     constraints = (
         []
         if adjustment is None
-        else [each.sentence for each in adjustment.constraints if each.is_kept and each.kind == "constraint"]
+        else [
+            each.sentence
+            for each in adjustment.constraints
+            if each.is_explained and each.kind == "constraint"
+        ]
     )
     return [
         *(line for sentence in constraints for line in wrapped("constraint", sentence)),

@@ -20,8 +20,6 @@ OPTIONS_FILE = "options_file"
 """Name of the parameter for a file of options."""
 FOR_ONE_CAMERA = "is for one camera, but {} is a rig"
 """Why an option is refused with a rig."""
-CHOSEN_FRAMES = "--frames, --exclude: found a rig, expected the drive of one camera."
-"""Why frames of a rig cannot be chosen."""
 
 
 def _has(context: click.Context, term: str) -> bool:

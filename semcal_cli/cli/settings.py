@@ -467,16 +467,20 @@ def _check_stdout_is_free(context: click.Context) -> None:
             )
 
 
-def command(settings: type[Settings], **about: Any) -> Callable[[Callable[[Settings], None]], Any]:
+def command(
+    settings: type[Settings], group: click.Group | None = None, **about: Any
+) -> Callable[[Callable[[Settings], None]], Any]:
     """Turn a function of settings into a command. Its help is the docstring, with `KNOWN_TRANSFORMS` filled in.
 
     Args:
         settings: Class of the settings.
+        group: Group that the command belongs to, if there is one.
         about: Other arguments of `click.command`.
     """
 
     def made(run: Callable[[Settings], None]) -> Any:
         text = (run.__doc__ or "").replace("{KNOWN_TRANSFORMS}", KNOWN_TRANSFORMS)
-        return click.command(**{"cls": SettingsCommand, "settings": settings, "help": text, **about})(run)
+        make: Any = click if group is None else group
+        return make.command(**{"cls": SettingsCommand, "settings": settings, "help": text, **about})(run)
 
     return made

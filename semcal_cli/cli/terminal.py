@@ -104,9 +104,9 @@ class Terminal:
         """Print how the camera and the clock of a result differ from those of a drive."""
         self.print(*(line for change in changes for line in wrapped(*change)))
 
-    def print_paths(self, label: str, paths: Iterable[Path]) -> None:
-        """Print the files of a kind that were written."""
-        self.print(*(labelled(label, str(path)) for path in paths))
+    def print_path(self, label: str, path: Path) -> None:
+        """Print the file that was written."""
+        self.print(labelled(label, str(path)))
 
     def print_verdict(self, line: str, status: str) -> None:
         """Print the verdict in its colour on a terminal; in one line, if nothing else is printed."""

@@ -22,7 +22,7 @@ from semcal_cli.cli.options import (
     inconclusive_choice,
     json_flag,
 )
-from semcal_cli.cli.rules import CHOSEN_FRAMES, FOR_ONE_CAMERA, none_of, refuse
+from semcal_cli.cli.rules import FOR_ONE_CAMERA, none_of, refuse
 from semcal_cli.cli.settings import argument, command, option, output_file, setting_of
 from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
@@ -119,7 +119,7 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
             _ = self.initial_pose
 
 
-OF_ONE_CAMERA = ("--direction", "--report")
+OF_ONE_CAMERA = ("--direction", "--report", "--frames", "--exclude")
 """Options that make sense for a single camera only."""
 
 
@@ -152,7 +152,8 @@ def verify(settings: VerifySettings) -> None:
         is_drive = settings.drive.exists() and recognise(settings.drive) is None
         rig = find_rig(settings.drive) if is_drive else None
         settings.check(of_rig=rig is not None)
-        with temporary_drive(settings, settings.terminal(), settings.junit, settings.page) as drive:
+        outputs = settings.junit, settings.page
+        with temporary_drive(settings.drive, settings, settings.terminal(), *outputs) as drive:
             verification = _verify_given(settings, drive) if rig is None else _verify_rig(rig, settings)
     report = CiReport(
         "verify",
@@ -221,8 +222,6 @@ def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
     from semcal_cli.many.rig.rig_verification import RigVerification
 
     refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(rig.path))
-    if settings.has_chosen_frames:
-        raise click.UsageError(CHOSEN_FRAMES)
     files, failures, read = transforms_of(rig, settings.calibration, settings.max_points)
     check_outputs(read, settings.junit)
     images = {name: None if settings.images is None else settings.images / name for name in files}
@@ -262,7 +261,7 @@ def _illustrate(
     if outputs.page is not None:
         terminal.on_event(Progress("drawing points on images"))
         page.write_verification(verification, data, initial_pose, outputs.page, given)
-        terminal.print_paths("report", [outputs.page])
+        terminal.print_path("report", outputs.page)
     if outputs.images is not None:
         overlays = page.both_overlays(verification, data, initial_pose)
         terminal.print(count_images([*overlays.write_all(outputs.images)], outputs.images))

@@ -83,7 +83,7 @@ def view(settings: ViewSettings) -> None:
         click.launch(server.address)
     server.answer_until_ended()
     if output is not None and session.has_saved:
-        terminal.print_paths("written to", [output])
+        terminal.print_path("written to", output)
 
 
 def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:

@@ -25,7 +25,7 @@ from semcal_cli.geometry.arrays import Matrices, Pose, Vectors
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.many.chronology import Order, in_order
 from semcal_cli.pipeline.verdict import together
-from semcal_cli.result.uncertainty import NORMAL_95
+from semcal_cli.result.uncertainty import normal_half_widths
 
 ALPHA = 0.01
 """Probability that any drive of a consistent fleet is reported as disagreeing (Bonferroni)."""
@@ -104,7 +104,7 @@ class _Series:
 
     def half_widths(self, covariance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return half widths (6,) of a combined pose, from the scatter of the drives (6, 6) and from errors of K."""
-        of_intrinsics = _half_widths(self.covariance_of_intrinsics, np.full(6, NORMAL_95))
+        of_intrinsics = normal_half_widths(self.covariance_of_intrinsics)
         return np.hypot(_half_widths(covariance, self.factors), of_intrinsics)
 
 

@@ -65,7 +65,7 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True)
 class Timeline:
-    """What the plots of a fleet show: poses along and about the camera's axes, millimetres and degrees.
+    """What the plots of a fleet show: poses along and about the camera's axes, centimetres and degrees.
 
     Poses are relative to the pose at the last drive.
     """

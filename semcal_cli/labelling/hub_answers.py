@@ -137,7 +137,7 @@ def _follow(url: str, method: str = "GET", *, is_same_host: bool = False) -> Any
     headers = library.build_hf_headers(library_name="semcal") | {"Accept-Encoding": "identity"}
     request = client.build_request(method, url, headers=headers, timeout=TIMEOUT_S)
     for _ in range(MAX_REDIRECTS + 1):
-        response = _within(ANSWER_S, partial(client.send, request, stream=True, follow_redirects=False))
+        response = within(ANSWER_S, partial(client.send, request, stream=True, follow_redirects=False))
         if not response.is_redirect or response.next_request is None:
             return _accepted(response)
         if is_same_host and response.next_request.url.host != request.url.host:
@@ -178,7 +178,7 @@ def _parts(response: Any, max_bytes: int) -> Iterator[bytes]:
         yield part
 
 
-def _within(seconds: float, do: Callable[[], Answer]) -> Answer:
+def within(seconds: float, do: Callable[[], Answer]) -> Answer:
     """Do something that may not end, and return its result.
 
     Raises:

@@ -96,8 +96,6 @@ class _Preprocessor(_Lenient):
     max_size: int | None = None
     keep_aspect_ratio: bool | None = None
     ensure_multiple_of: Annotated[int, Field(ge=1, le=1024)] | None = None
-    do_center_crop: bool | None = None
-    crop_size: Size | None = None
     do_pad: bool | None = None
     do_split_image: bool | None = None
     do_rescale: bool | None = None

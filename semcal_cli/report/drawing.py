@@ -59,6 +59,8 @@ LETTER_PX = 6.5
 """Width of a letter, pixels."""
 NUM_MEASURED = 16
 """Number of names whose width is measured."""
+MAX_NAME = 14
+"""Largest number of letters of a name that is drawn."""
 MIN_GAP_PX = 8.0
 """Minimum gap between names, pixels."""
 
@@ -199,6 +201,6 @@ def _widest_name_px(axes: Axes, places: npt.NDArray[np.float64], names: Sequence
     return max(widths)
 
 
-def short_names(names: Sequence[str], longest: int = 14) -> list[str]:
-    """Return the names, or numbers from 1 if a name is longer than this."""
-    return list(names) if max(map(len, names)) <= longest else [str(i + 1) for i in range(len(names))]
+def short_names(names: Sequence[str]) -> list[str]:
+    """Return the names, or numbers from 1 if one is long."""
+    return list(names) if max(map(len, names)) <= MAX_NAME else [str(i + 1) for i in range(len(names))]

@@ -14,7 +14,7 @@ from semcal_cli import core
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
 from semcal_cli.estimation.adjust.priors import EXACT
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.geometry.twists import pose_at
 from semcal_cli.observations.observations import Observations
 from semcal_cli.report.drawing import (
     ACCENT,
@@ -202,8 +202,7 @@ def frame_pixels(
     before = View(observations, T_camera_lidar)
     for frame in np.flatnonzero(frame_offsets.is_determined).tolist():
         shift, turn = np.split(frame_offsets.offsets[frame], 2)
-        shifted = apply_twist(T_camera_lidar, np.concatenate([-shift, np.zeros(3)]))
-        T_own = apply_twist(shifted, np.concatenate([np.zeros(3), np.radians(turn)]))
+        T_own = pose_at(T_camera_lidar, np.concatenate([-shift, np.radians(turn)]))
         a, b = before.project_frame(frame), View(observations, T_own).project_frame(frame)
         _, in_a, in_b = np.intersect1d(a.indices, b.indices, return_indices=True)
         is_visible = ~(a.is_hidden[in_a] | b.is_hidden[in_b])

@@ -41,7 +41,6 @@ from semcal_cli.report.colors import (
 from semcal_cli.report.dots import PLAIN, DotStyle, draw_dots
 from semcal_cli.report.named_frames import frame_paths
 from semcal_cli.report.overlay_video import write_video
-from semcal_cli.report.ply import write_ply
 from semcal_cli.report.points import (
     ProjectedPoints,
     View,
@@ -159,10 +158,6 @@ class Overlays:
         ):
             raise InputError(f"{self.drive.path}: found no image labels, which --labels draws")
         return replace(self, style=DotStyle(radius_px, opacity, has_outline), draws_labels=draws_labels)
-
-    def write_points(self, folder: Path) -> Iterator[Path]:
-        """Write the points of each frame that the camera sees, with the colours of its image: see `write_ply`."""
-        return write_ply(self.drive, self.observations, list(self.poses.values())[-1], folder)
 
     def write_video(self, path: Path) -> None:
         """Write all frames as a video, .mp4.

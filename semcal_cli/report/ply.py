@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import InputError
 from semcal_cli.files.output_files import make_folder, write_bytes
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
-from semcal_cli.observations.reading import read_frame_image
+from semcal_cli.observations.reading import read_needed_image
 from semcal_cli.report.named_frames import frame_paths
 from semcal_cli.report.points import View, at_pixels
 
@@ -38,9 +37,7 @@ def write_ply(drive: Drive, observations: Observations, T_camera_lidar: Pose, fo
     make_folder(folder)
     view = View(observations, T_camera_lidar)
     for index, (frame, path) in enumerate(zip(drive.frames, frame_paths(folder, drive, ".ply"), strict=True)):
-        image = read_frame_image(drive, frame)
-        if image is None:
-            raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, expected an image")
+        image = read_needed_image(drive, frame)
         projected = view.project_frame(index)
         is_visible = ~projected.is_hidden
         points = np.zeros(int(is_visible.sum()), PLY_POINT)

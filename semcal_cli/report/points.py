@@ -121,7 +121,7 @@ class PosePoints(NamedTuple):
     positions: npt.NDArray[np.float64]
     """(N, 2), (u, v); an integer pixel is a pixel centre."""
     kinds: npt.NDArray[np.uint8]
-    """(N,) an index in `AGREEMENT_COLORS`, `NO_PAIR`, or `NOT_SEEN`."""
+    """(N,) an index in `AGREEMENT_COLORS`, `NO_PAIR`, or `OUTSIDE`."""
     levels: npt.NDArray[np.uint8]
     """(N,) see `depth_levels`."""
 

@@ -24,7 +24,7 @@ from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.observations import NO_CLASS
-from semcal_cli.observations.reading import load_points, read_frame_image, read_observations
+from semcal_cli.observations.reading import load_points, read_needed_image, read_observations
 from semcal_cli.report.colors import palettes
 
 LIDAR, CAMERAS = "lidar", "lidar/cameras"
@@ -148,9 +148,7 @@ def _frame_image(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.
     if media_type is not None and drive.image_levels is None:
         read_size(file)
         return rr.EncodedImage(contents=read_bytes(file, limit=MAX_TABLE_BYTES), media_type=media_type)
-    pixels = read_frame_image(drive, frame)
-    assert pixels is not None
-    return rr.Image(pixels, color_model="BGR")
+    return rr.Image(read_needed_image(drive, frame), color_model="BGR")
 
 
 def _height_colors(points: np.ndarray) -> np.ndarray:

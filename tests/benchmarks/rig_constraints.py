@@ -114,7 +114,7 @@ def _is_named(
     ]
     adjustment, found = adjust(cameras, spoiled)
     _, expected = adjust(cameras, [tie for index, tie in enumerate(ties) if index != place])
-    is_kept = [compared.is_kept for compared in adjustment.constraints]
+    is_kept = [compared.is_explained for compared in adjustment.constraints]
     is_same = all(np.allclose(found[name][0], expected[name][0], atol=1e-12) for name in cameras)
     return is_same and is_kept == [index != place for index in range(len(ties))]
 

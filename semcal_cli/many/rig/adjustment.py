@@ -110,7 +110,7 @@ def loop_closures(ties: Sequence[Tie]) -> tuple[LoopClosure, ...]:
     first = RigEstimate.fit([tie for tie, new in ordered if new is not None], sharing_intrinsics(ties))
     tree = {new: next(end for end in tie.ends if end != new) for tie, new in ordered if new is not None}
     return tuple(
-        LoopClosure(sensors=loop_of(tie, tree), **first.compare(tie)._asdict())
+        LoopClosure(sensors=loop_of(tie, tree), **first.compare(tie).model_dump())
         for tie, new in ordered
         if new is None
     )

@@ -9,10 +9,10 @@ from pydantic import model_validator
 
 from semcal_cli.config.file_limits import MAX_CAMERAS
 from semcal_cli.errors import listed, mismatch
-from semcal_cli.files.validation import Figure, StrictModel, Width, length
+from semcal_cli.files.validation import Figure, StrictModel, length
 from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR, MAX_CONSTRAINTS, MAX_LIDARS
-from semcal_cli.many.rig.rig_estimate import NUM_AXES, Closure
+from semcal_cli.many.rig.rig_estimate import NUM_AXES, Closure, Difference
 from semcal_cli.many.rig.rig_uncertainty import (
     ROUND_OFF,
 )
@@ -28,21 +28,13 @@ MAX_VARIANCE = 1e20
 """Largest variance, square metres or radians, whose matrix is looked at."""
 
 
-class ComparedConstraint(StrictModel):
+class ComparedConstraint(Difference):
     """A tie beside what all others say: a constraint, or a measurement of a further LiDAR."""
 
     to: str
     """Sensor to whose frame the tie leads."""
     source: str
     """Sensor from whose frame it leads."""
-    rotation_deg: Width
-    """Angle between the two, in degrees."""
-    distance_m: Width
-    """Distance between the positions of the first sensor in the frame of the second, in metres."""
-    chi_square: Width
-    """Squared difference of all six axes in units of its covariance."""
-    largest: Width
-    """Largest value that chance explains."""
     kind: TieKind = "constraint"
     """What the tie is: a constraint, the calibration of a camera with a further LiDAR, or the registration of sweeps.
     Absent for a constraint."""
@@ -50,20 +42,8 @@ class ComparedConstraint(StrictModel):
     @classmethod
     def of(cls, tie: Tie, closure: Closure) -> ComparedConstraint:
         """Describe how a tie differs from all others."""
-        return cls(
-            to=tie.to,
-            source=tie.source,
-            rotation_deg=closure.rotation_deg,
-            distance_m=closure.distance_m,
-            chi_square=closure.chi_square,
-            largest=closure.largest,
-            kind=tie.kind,
-        )
-
-    @property
-    def is_kept(self) -> bool:
-        """Whether the tie took part."""
-        return self.chi_square <= self.largest
+        difference = closure.model_dump(include={*Difference.model_fields})
+        return cls(to=tie.to, source=tie.source, kind=tie.kind, **difference)
 
     @property
     def name(self) -> str:
@@ -74,8 +54,7 @@ class ComparedConstraint(StrictModel):
     @property
     def sentence(self) -> str:
         """Describe the difference."""
-        difference = f"{figure(self.rotation_deg)} degrees and {lengths([self.distance_m])}"
-        return f"{self.name} is {difference} from what the other measurements say"
+        return f"{self.name} is {self.size} from what the other measurements say"
 
     @property
     def reason(self) -> str:
@@ -94,33 +73,11 @@ class ComparedConstraint(StrictModel):
         )
 
 
-class LoopClosure(StrictModel):
+class LoopClosure(Closure):
     """By how much the transforms around a loop of sensors fail to lead back to where it began."""
 
     sensors: Annotated[tuple[str, ...], length(2, MAX_SENSORS + 1)]
     """Sensors around the loop, each with a tie to the next, and the last with one to the first."""
-    rotation_deg: Width
-    """Rotation that is left, in degrees."""
-    distance_m: Width
-    """Distance that is left, in metres."""
-    expected_rotation_deg: Width
-    """Standard error of the rotation, over three axes, in degrees."""
-    expected_distance_m: Width
-    """Standard error of the position, over three axes, in metres."""
-    chi_square: Width
-    """Squared closure of all six axes in units of its covariance."""
-    largest: Width
-    """Largest value that chance explains."""
-
-    @property
-    def is_explained(self) -> bool:
-        """Whether chance explains the closure."""
-        return self.chi_square <= self.largest
-
-    @property
-    def closure(self) -> str:
-        """The closure in words."""
-        return f"{figure(self.rotation_deg)} degrees and {lengths([self.distance_m])}"
 
     @property
     def expected(self) -> str:
@@ -131,7 +88,7 @@ class LoopClosure(StrictModel):
     def sentence(self) -> str:
         """Describe the closure beside its expected size."""
         beyond = "" if self.is_explained else ", more than chance explains"
-        return f"{' - '.join(self.sensors)} closes within {self.closure}, expected {self.expected}{beyond}"
+        return f"{' - '.join(self.sensors)} closes within {self.size}, expected {self.expected}{beyond}"
 
 
 class Adjustment(StrictModel):
@@ -188,7 +145,7 @@ class Adjustment(StrictModel):
     @property
     def contradictions(self) -> tuple[ComparedConstraint, ...]:
         """Ties that the others contradict."""
-        return tuple(constraint for constraint in self.constraints if not constraint.is_kept)
+        return tuple(constraint for constraint in self.constraints if not constraint.is_explained)
 
     def contradictions_of(self, sensor: str) -> tuple[ComparedConstraint, ...]:
         """Return the contradicted ties of a sensor, or all of them if its place relies on one of their loops."""

@@ -19,17 +19,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
+from semcal_cli.files.validation import StrictModel, Width
 from semcal_cli.findings.check import LIMITS
 from semcal_cli.geometry.arrays import Matrix, Numbers, Pose, TwistVector
 from semcal_cli.geometry.poses import compare_poses, inverse, rotation_difference
 from semcal_cli.geometry.twists import adjoint, apply_twist
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR
 from semcal_cli.many.rig.ties import Tie, in_reach
+from semcal_cli.readable import figure, lengths
 
 NUM_AXES, NUM_INTRINSICS = 6, 4
 """Number of degrees of freedom of a pose, and of errors of intrinsics: fx, fy, cx and cy."""
@@ -41,31 +42,41 @@ NUM_ROUNDS = 4
 """Number of linearisations. Errors of a linearisation are a hundredth of a step of a degree, and shrink as it does."""
 
 
-class Closure(NamedTuple):
-    """Difference of a tie from what other ties say, with its expected size."""
+class Difference(StrictModel):
+    """Difference of a tie from what other ties say."""
 
-    rotation_deg: float
-    """Angle between the two, in degrees."""
-    distance_m: float
-    """Distance between the positions of the first sensor in the frame of the second, in metres."""
-    chi_square: float
+    rotation_deg: Width
+    """Angle by which the two differ, in degrees."""
+    distance_m: Width
+    """Distance between the two positions of the first sensor in the frame of the second, in metres."""
+    chi_square: Width
     """Squared difference of all six axes in units of its covariance."""
-    largest: float
+    largest: Width
     """Largest value that chance explains."""
-    expected_rotation_deg: float
-    """Standard error of the rotation: the root of the sum of its variances about three axes, in degrees."""
-    expected_distance_m: float
-    """Standard error of the position, likewise, in metres."""
-
-    @property
-    def times_the_limit(self) -> float:
-        """The square beside its largest value; infinite beside none."""
-        return self.chi_square / self.largest if self.largest > 0.0 else math.inf
 
     @property
     def is_explained(self) -> bool:
         """Whether chance explains the difference."""
         return self.chi_square <= self.largest
+
+    @property
+    def size(self) -> str:
+        """The difference in words."""
+        return f"{figure(self.rotation_deg)} degrees and {lengths([self.distance_m])}"
+
+
+class Closure(Difference):
+    """Difference of a tie from what other ties say, with its expected size."""
+
+    expected_rotation_deg: Width
+    """Standard error of the rotation, over three axes, in degrees."""
+    expected_distance_m: Width
+    """Standard error of the position, over three axes, in metres."""
+
+    @property
+    def times_the_limit(self) -> float:
+        """The square beside its largest value; infinite beside none."""
+        return self.chi_square / self.largest if self.largest > 0.0 else math.inf
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from semcal_cli.geometry.arrays import Matrix, Pose
-from semcal_cli.geometry.poses import inverse
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR, Constraint
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.uncertainty import Uncertainty
@@ -59,10 +58,6 @@ class Tie:
     def ends(self) -> tuple[str, str]:
         """Both sensors."""
         return self.to, self.source
-
-    def across(self, known: str) -> Pose:
-        """Return the transform (4, 4) from the frame of one of its sensors to that of the other."""
-        return self.pose if known == self.source else inverse(self.pose)
 
 
 def in_reach(ties: list[Tie]) -> list[tuple[Tie, str | None]]:

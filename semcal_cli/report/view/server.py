@@ -142,7 +142,7 @@ class Handler(BaseHTTPRequestHandler):
         try:
             content = ask()
         except SemcalError as error:
-            reason = " ".join(str(error).splitlines())
+            reason = str(error)
         except OSError as error:
             reason = f"{error.filename or 'view'}: {os_reason(error)}"
         except Exception as error:  # a bug: the page reports it, and the server goes on

@@ -23,7 +23,7 @@ from semcal_cli.files.output_files import write_text
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import pose_from_mounting
-from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.geometry.twists import pose_at
 from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
@@ -69,8 +69,7 @@ class MovedPose:
     @property
     def T_camera_lidar(self) -> Pose:
         """(4, 4) the moved pose: the centre is shifted along the axes, then what the camera sees is turned."""
-        shifted = apply_twist(self.T_base, np.concatenate([-self.offsets[:3], np.zeros(3)]))
-        return apply_twist(shifted, np.concatenate([np.zeros(3), np.radians(self.offsets[3:])]))
+        return pose_at(self.T_base, np.concatenate([-self.offsets[:3], np.radians(self.offsets[3:])]))
 
     @classmethod
     def read(cls, request: dict[str, Any]) -> MovedPose:
