@@ -270,7 +270,7 @@ def test_what_is_wrong_is_said_before_the_work(
         (("--overlay", tmp_path / "taken"), "found a file, expected a folder for images"),
     ):
         assert complaint in str(verify(rig, *words).exception)
-    (tmp_path / "team.yaml").write_text("verify: {report: page.html}\n")
+    (tmp_path / "team.yaml").write_text("semcal_options: 1\nverify: {report: page.html}\n")
     for option in (
         ("--config", tmp_path / "team.yaml"),
         ("--report", tmp_path / "a.html"),
