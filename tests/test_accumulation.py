@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +15,12 @@ from commands import invoke, unwrapped
 from conftest import make_pose
 from moving_street import MovingStreet
 
-from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.document import Drive, Frame, read_drive
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Points
 from semcal_cli.geometry.poses import inverse, rotation_error_deg
+from semcal_cli.importing.accumulated_drive import accumulate_drive
+from semcal_cli.importing.accumulation import AccumulatedCloud, Accumulation
 from semcal_cli.importing.lines_of_sight import are_seen, are_unmoved
 from semcal_cli.importing.sweep_agreement import Surfaces
 
@@ -83,6 +88,22 @@ def test_each_sweep_is_in_one_cloud_whose_image_is_in_its_middle(
         for sweep in sweeps
     ]
     assert holders == [{index // 4} for index in range(NUM_SWEEPS)]
+
+
+def test_the_clouds_before_the_last_are_not_kept_in_memory(
+    standing: MovingStreet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = read_drive(standing.write(tmp_path / "drive", count=NUM_SWEEPS))
+    all_clouds, seen = Accumulation.clouds, list[weakref.ref[Any]]()
+
+    def watched(accumulation: Accumulation) -> Iterator[tuple[Frame, AccumulatedCloud]]:
+        for frame, cloud in all_clouds(accumulation):
+            assert not any(array() is not None for array in seen[:-2])
+            seen.extend(map(weakref.ref, (cloud.points, cloud.labels)))
+            yield frame, cloud
+
+    monkeypatch.setattr(Accumulation, "clouds", watched)
+    assert len(accumulate_drive(drive, tmp_path / "dense", num_sweeps=4).drive.frames) == 3
 
 
 def test_a_moving_rig_is_registered_by_its_poses(moving: MovingStreet, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """`semcal import bag --all-cameras`: a drive of each camera of a recording, of the same sweeps, and a rig."""
 
+import os
 import shlex
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,16 @@ def test_a_rig_that_is_there_is_kept_and_a_camera_that_fails_is_named(tmp_path: 
         f"semcal: error: {out / 'rig.yaml'}: found another rig; choose another -o, or --force\n",
     )
     assert [file.name for file in out.iterdir()] == ["rig.yaml"]
+    (out / "rig.yaml").unlink()
+    os.mkfifo(out / "rig.yaml")
+    for more in ([], ["--force"]):
+        code, _, err = cli(*words, *more)
+        assert (code, err) == (
+            1,
+            f"semcal: error: {out / 'rig.yaml'}: found a pipe, expected a file or nothing\n",
+        )
+    (out / "rig.yaml").unlink()
+    (out / "rig.yaml").write_text("cameras: {mine: mine}\n")
     assert cli(*words, "--force")[0] == 0
 
     def depth(bag: Any, index: int, stamp: int) -> Any:

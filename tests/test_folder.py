@@ -256,6 +256,8 @@ def test_the_cloud_that_is_looked_into_may_be_too_large(tmp_path: Path) -> None:
 )
 def test_files_that_no_reader_knows(tmp_path: Path, option: str, name: str, expected: str) -> None:
     arguments = own_data(tmp_path / "own")
+    # These intrinsics have no size, so that the images are looked for first.
+    write(tmp_path / "own/camera.yaml", "camera: {camera_model: plumb_bob, intrinsics: [50, 50, 32, 16]}\n")
     file = tmp_path / "other" / name
     write(file, "anything")
     assert complaint("folder", *arguments, option, file, "-o", tmp_path / "drive") == (

@@ -24,11 +24,12 @@ from semcal_cli.formats.kitti_files import KITTI_360_FILE
 from semcal_cli.report.notations import files
 
 
-@pytest.mark.parametrize("name", ["semcal", "tf2", "kalibr", "rellis-3d", "fast-livo2"])
+@pytest.mark.parametrize("name", ["semcal", "tf2", "kalibr", "rellis-3d", "fast-livo2", "extrinsic-matrix"])
 def test_documents_are_json_where_the_files_suffix_says_so(name: str, tmp_path: Path) -> None:
+    options = FormatOptions("lidar-to-camera" if name == "extrinsic-matrix" else None)
     for suffix in (".json", ".yaml"):
-        write_transform(T_ANY, tmp_path / f"T{suffix}", name)
-        np.testing.assert_allclose(read_transform(tmp_path / f"T{suffix}"), T_ANY, atol=1e-9)
+        write_transform(T_ANY, tmp_path / f"T{suffix}", name, options)
+        np.testing.assert_allclose(read_transform(tmp_path / f"T{suffix}", None, options), T_ANY, atol=1e-9)
     json.loads((tmp_path / "T.json").read_text())
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,10 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_any
 from semcal_cli.formats import insertion, read_transform, set_in_file, write_transform
 from semcal_cli.formats.format import FormatOptions, Source, edited
+from semcal_cli.formats.xml_tags import start_tags
 
+NUM_TAGS, MAX_SECONDS = 50_000, 5.0
+"""Tags of a file, and the time of the processor in which they are found: it takes half a second."""
 ANY_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 LAUNCH_PY = """from launch import LaunchDescription
 from launch_ros.actions import Node
@@ -303,6 +307,15 @@ def test_a_quaternion_alone_is_no_place_for_a_transform(tmp_path: Path) -> None:
     content = set_in_file(calibration(tmp_path), target, key="a.b", write_options=options)
     *quaternion, t = yaml.safe_load(content)["a"]["b"].values()
     np.testing.assert_allclose([*quaternion, *t], [*xyzw(T_ANY), *T_ANY[:3, 3]], atol=1e-8)
+
+
+def test_many_tags_take_no_time_for_one_another() -> None:
+    tag = "<é a='é'/>"
+    source = Source(Path("a.urdf"), f"<robot>{NUM_TAGS * tag}</robot>".encode())
+    started = time.process_time()
+    tags = start_tags(source)
+    assert time.process_time() - started < MAX_SECONDS
+    assert [each.text for each in tags[1:]] == [tag] * NUM_TAGS
 
 
 def test_what_is_edited_has_one_place_for_each_number() -> None:

@@ -58,15 +58,10 @@ def _read_matrix(source: Source, options: FormatOptions) -> Pose:
     return MatrixNotation(MATRIX_KEY).read(source.node, options)
 
 
-def _make_matrix(T: Pose, options: FormatOptions) -> bytes:
-    rows = "".join(f"- {row}\n" for row in rounded(T))
-    return f"{MATRIX_KEY}:\n{rows}".encode()
-
-
 EXTRINSIC_MATRIX = directed_format(
     "extrinsic-matrix",
     f"{MATRIX_KEY}, 4 x 4 or 3 x 4, YAML or JSON",
     lambda source: MATRIX_KEY in source.mapping,
     _read_matrix,
-    _make_matrix,
+    lambda T, options: {MATRIX_KEY: rounded(T)},
 )

@@ -30,7 +30,7 @@ def directed_format(
     equation: str,
     recognises: Callable[[Source], bool],
     read: Callable[[Source, FormatOptions], Pose],
-    make: Callable[[Pose, FormatOptions], bytes],
+    make: Callable[[Pose, FormatOptions], bytes | dict[str, Any]],
     may_ask: tuple[str, ...] = (),
     **others: Any,
 ) -> Format:

@@ -54,11 +54,13 @@ def start_tags(source: Source) -> list[Tag]:
     _ = source.xml
     text, tags, stack = source.text, list[Tag](), list[Tag]()
     content = text.lstrip().encode()
-    skipped = len(text) - len(text.lstrip())
+    start, num_bytes = len(text) - len(text.lstrip()), 0
     parser = expat.ParserCreate(encoding="utf-8")
 
     def begin(name: str, attributes: dict[str, str]) -> None:
-        start = skipped + len(content[: parser.CurrentByteIndex].decode())
+        nonlocal start, num_bytes
+        start += len(content[num_bytes : parser.CurrentByteIndex].decode())
+        num_bytes = parser.CurrentByteIndex
         match = TAG.match(text, start)
         if match is None:
             raise InputError(

@@ -126,7 +126,8 @@ def accumulate_drive(
                 write(content, path.parent / name)
             names = {key: name for key, (name, _) in files.items()}
             frames[cloud.place] = _frame(drive, frame, path) | names
-            clouds.append(cloud._replace(points=cloud.points[:0]))
+            # A view of no points would keep them all in memory.
+            clouds.append(cloud._replace(points=cloud.points[:0].copy(), labels=None))
         if not frames:
             raise accumulation.refusal()
         document = _document(drive, path) | {"frames": [frames[place] for place in sorted(frames)]}

@@ -134,7 +134,7 @@ def numbered_files(folder: Path, *suffixes: str) -> dict[str, Path]:
     return {stem: files[stem] for stem in sorted(stems, key=int)}
 
 
-def read_rows(path: Path, count: int, *, is_needed: bool = False) -> Iterator[tuple[str, Vector]]:
+def read_number_rows(path: Path, count: int, *, is_needed: bool = False) -> Iterator[tuple[str, Vector]]:
     """Read the finite numbers (count,) of each line, with the name of the file and line for messages.
 
     Raises:
@@ -142,9 +142,9 @@ def read_rows(path: Path, count: int, *, is_needed: bool = False) -> Iterator[tu
     """
     if not is_needed and not path.exists():
         return
-    lines = [line for line in read_text(path, limit=MAX_TABLE_BYTES).splitlines() if line.strip()]
-    for index, line in enumerate(lines, start=1):
-        yield f"{path}: line {index}", parse_numbers(path, f"line {index}", line, count)
+    for index, line in enumerate(read_text(path, limit=MAX_TABLE_BYTES).splitlines(), start=1):
+        if line.strip():
+            yield f"{path}: line {index}", parse_numbers(path, f"line {index}", line, count)
 
 
 def read_speeds(path: Path) -> list[float]:
@@ -158,7 +158,7 @@ def read_speeds(path: Path) -> list[float]:
     """
     positions = [
         [number(where, value, -MAX_WORLD_M, MAX_WORLD_M) for value in row[3::4].tolist()]
-        for where, row in read_rows(path, 12)
+        for where, row in read_number_rows(path, 12)
     ]
     speeds: list[float] = speeds_mps(np.reshape(positions, (-1, 3)), KITTI_PERIOD_S).tolist()
     return speeds

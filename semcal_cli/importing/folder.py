@@ -101,8 +101,9 @@ def read(folder: Folder) -> Recording:
         InputError: a pattern matches nothing or a file of an unknown format, nothing can be paired, no cloud has all
             its files, or a file is wrong.
     """
+    size_option = "--images" if folder.images else "--image-labels"
     pattern = folder.images or folder.image_labels
-    size = None if pattern is None else lambda: read_size(_find("--images", pattern)[0])
+    size = None if pattern is None else lambda: read_size(_find(size_option, pattern)[0])
     camera = read_intrinsics(folder.camera_info, folder.camera, folder.model, size)
     clouds = _find("--points", folder.points)
     point_labels = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)

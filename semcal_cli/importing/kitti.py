@@ -36,7 +36,7 @@ from semcal_cli.importing.dataset_tree import (
     folders,
     image_size,
     numbered_files,
-    read_rows,
+    read_number_rows,
     read_speeds,
 )
 from semcal_cli.importing.kitti_motion import (
@@ -74,7 +74,8 @@ def read_odometry(request: Request, *, has_labels: bool = False) -> Recording:
     camera = _camera(folder, request)
     # One line per frame; the sweep triggers the image when it faces forward.
     stamps = {
-        i: stamp_s(where, float(row[0])) for i, (where, row) in enumerate(read_rows(folder / "times.txt", 1))
+        i: stamp_s(where, float(row[0]))
+        for i, (where, row) in enumerate(read_number_rows(folder / "times.txt", 1))
     }
     frames = join_frames(
         numbered_files(folder / "velodyne", ".bin"),

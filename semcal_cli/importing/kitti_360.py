@@ -27,7 +27,7 @@ from semcal_cli.importing.dataset_tree import (
     files_by_stem,
     folders,
     numbered_files,
-    read_rows,
+    read_number_rows,
     speeds_mps,
 )
 from semcal_cli.importing.kitti_360_windows import Windows
@@ -177,7 +177,7 @@ def _images(root: Path, sequence: str, camera: str, rectified: bool) -> dict[str
 def _read_poses(path: Path) -> dict[int, Pose]:
     """Read T_world_pose of each frame that has one; a line holds the frame number and 12 numbers."""
     poses = {}
-    for where, (frame, *rows) in read_rows(path, 13, is_needed=True):
+    for where, (frame, *rows) in read_number_rows(path, 13, is_needed=True):
         if not frame.is_integer() or not 0 <= frame <= MAX_FRAME:
             raise InputError(f"{where}: found frame {frame:g}, expected a whole number from 0 to {MAX_FRAME}")
         poses[int(frame)] = from_rows(where, rows, farthest_m=MAX_WORLD_M)

@@ -11,8 +11,8 @@ from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, output_drive_file
 from semcal_cli.errors import InputError, OccupiedError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.files.documents import document_text
-from semcal_cli.files.input_files import is_folder
-from semcal_cli.files.output_files import write_text
+from semcal_cli.files.input_files import check_own_file, kind_of, read_start
+from semcal_cli.files.output_files import write_bytes
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.bag_import import ImportedDrive, import_bag
 from semcal_cli.importing.bags.messages import Topic
@@ -59,7 +59,7 @@ def import_cameras(
         )
     names, path = camera_names(images), out / RIG_FILE
     document = {"semcal_rig": 1, "cameras": {name: f"{name}.yaml" for name in names}}
-    content = document_text(document, "yaml")
+    content = document_text(document, "yaml").encode()
     _check_rig_file(path, content, force=force)
     done: dict[str, ImportedDrive] = {}
     for name, topic in zip(names, images, strict=True):
@@ -73,21 +73,18 @@ def import_cameras(
         if first is None:
             # From here on, a rig that was there would join new drives and old ones.
             path.unlink(missing_ok=True)
-    write_text(content, path)
+    write_bytes(content, path)
     return done
 
 
-def _check_rig_file(path: Path, content: str, *, force: bool) -> None:
+def _check_rig_file(path: Path, content: bytes, *, force: bool) -> None:
     """Check, before the work begins, that the rig.yaml of an import replaces no other.
 
     Raises:
-        InputError: a folder or a link is in its place, or another rig and `force` is not set.
+        InputError: something that is no file is in its place, or another rig and `force` is not set.
     """
-    if is_folder(path):
-        raise InputError(f"{path}: is a folder, expected a file to write to")
-    if path.is_symlink():
-        raise InputError(f"{path}: found a link, expected a file or nothing")
-    if path.exists() and not force and path.read_bytes() != content.encode():
+    check_own_file(path)
+    if kind_of(path) and not force and read_start(path, len(content) + 1) != content:
         raise OccupiedError(f"{path}: found another rig")
 
 
