@@ -94,9 +94,7 @@ def read_pixels(path: Path, size: Size | None = None) -> RawPixels:
     image = decode_image(path, content, flags)
     if image is None or image.shape[1::-1] != header_size:
         raise _damage_error(path)
-    if image.dtype == np.uint16:
-        return image.astype(np.uint16, copy=False)
-    return image.astype(np.uint8, copy=False)
+    return image
 
 
 def decode_image(path: Path, content: bytes, flags: int) -> RawPixels | None:

@@ -78,7 +78,7 @@ AUTOWARE = base_format(
     "p_base = T p_sensor: sensor_kit_calibration.yaml, x y z roll pitch yaw of each base link",
     lambda source: len(kits_of(Node("", source.mapping))) == 1,
     _find_in_kit,
-    KIT_POSE,
+    KIT_POSE.read,
     base="sensor kit",
     asks=FRAMES,
     is_set=True,
@@ -135,7 +135,7 @@ NUSCENES = base_format(
     "p_ego = T p_sensor: calibrated_sensor.json, --camera and --lidar name two entries",
     lambda source: bool(source.records) and all(record.keys() >= NUSCENES_KEYS for record in source.records),
     _find_in_table,
-    NumbersNotation({"rotation": WXYZ, "translation": XYZ}),
+    NumbersNotation({"rotation": WXYZ, "translation": XYZ}).read,
     base="vehicle",
     asks=("camera", "lidar"),
 )

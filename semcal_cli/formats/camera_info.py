@@ -17,7 +17,6 @@ from semcal_cli.formats.lenses import (
     coefficients_of,
     matrix_camera,
     model_by_count,
-    numbers_of,
     refuse_camera,
 )
 from semcal_cli.formats.node import Node, image_side, parse_number
@@ -162,7 +161,7 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
 
 def camera_info_of(camera: Camera, name: str) -> dict[str, Any]:
     """Make the document of a camera, whose lens is one of `LENS_NAMES`, as camera_calibration writes it."""
-    numbers = numbers_of(camera)
+    numbers = [number for row in camera.K for number in row]
     return {
         "image_width": camera.width,
         "image_height": camera.height,

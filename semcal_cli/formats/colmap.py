@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 from semcal_cli.drive.camera import Camera, CameraModel
 from semcal_cli.errors import InputError, listed
-from semcal_cli.formats.document_formats import entry_format
-from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA
 from semcal_cli.formats.lenses import UnnamedLensError, check_lens, coefficients_of, pixels_from_corner
 from semcal_cli.formats.node import Node
@@ -118,14 +117,10 @@ def _find_rig_camera(document: Node, options: FormatOptions) -> Node:
     return camera
 
 
-class _PoseInRig:
-    """A pose in a rig whose frame is the LiDAR's or, if a file of semcal's has both, that in the LiDAR's frame."""
-
-    def read(self, node: Node, options: FormatOptions) -> Pose:
-        return (IN_LIDAR if FROM_LIDAR in node.mapping else IN_RIG).read(node, options)
-
-    def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        (IN_LIDAR if FROM_LIDAR in entry else IN_RIG).put(entry, T)
+def _read_rig(source: Source, options: FormatOptions) -> Pose:
+    """Read the pose in a rig whose frame is the LiDAR's or, where semcal wrote both, that in the LiDAR's frame."""
+    camera = _find_rig_camera(source.node, options)
+    return (IN_LIDAR if FROM_LIDAR in camera.mapping else IN_RIG).read(camera, options)
 
 
 def _make_rig(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
@@ -137,12 +132,11 @@ def _make_rig(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     return (json.dumps([{"cameras": [camera]}], indent=2) + "\n").encode()
 
 
-FORMAT = entry_format(
+FORMAT = Format(
     "colmap",
     f"p_camera = T p_rig, where the rig is the LiDAR: {ROTATION} (w x y z) and {TRANSLATION}; or {FROM_LIDAR}",
     lambda source: bool(_rig_cameras(Node("", source.records))),
-    _find_rig_camera,
-    _PoseInRig(),
-    make=_make_rig,
+    _read_rig,
+    _make_rig,
     asks=("camera",),
 )

@@ -19,9 +19,7 @@ from semcal_cli.formats.pose import (
     MatrixNotation,
     NumbersNotation,
     PoseNotation,
-    check_transform,
-    rounded,
-    transform,
+    RotationNotation,
 )
 from semcal_cli.formats.vikit import read_vikit_lens
 from semcal_cli.geometry.arrays import Pose
@@ -91,7 +89,7 @@ def base_format(
     equation: str,
     recognises: Callable[[Source], bool],
     find: Callable[[Node, FormatOptions], SensorPair],
-    notation: PoseNotation,
+    read_pose: Callable[[Node, FormatOptions], Pose],
     *,
     base: str,
     asks: tuple[str, ...],
@@ -106,8 +104,8 @@ def base_format(
 
     def read(source: Source, options: FormatOptions) -> Pose:
         pair = find(source.node, options)
-        T_base_optical = notation.read(pair.camera, options) @ pair.T_frame_optical
-        return inverse(T_base_optical) @ notation.read(pair.lidar, options)
+        T_base_optical = read_pose(pair.camera, options) @ pair.T_frame_optical
+        return inverse(T_base_optical) @ read_pose(pair.lidar, options)
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
         if options.base is not None and make_on_base is not None:
@@ -124,7 +122,7 @@ def base_format(
                 f"{source.path}: found {name}, which is only read; choose another file for --into"
             )
         pair = find(source.node, options)
-        T_base_optical = notation.read(pair.lidar, options) @ inverse(T_camera_lidar)
+        T_base_optical = read_pose(pair.lidar, options) @ inverse(T_camera_lidar)
         return pair.camera.value, T_base_optical @ inverse(pair.T_frame_optical)
 
     return Format(name, equation, recognises, read, make, asks, set_camera=set_camera)
@@ -235,22 +233,11 @@ def _find_block(document: Node, options: FormatOptions) -> Node:
     return blocks[0]
 
 
-class _RotationAndTranslation:
-    """A pose as a rotation by rows and a translation."""
-
-    def read(self, node: Node, options: FormatOptions) -> Pose:
-        R = node.at("Rcl")
-        return check_transform(R.where, transform(R.matrix(3, 3), node.at("Pcl").numbers(3)), options)
-
-    def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        entry["Rcl"], entry["Pcl"] = rounded(T[:3, :3].ravel()), rounded(T[:3, 3])
-
-
 FAST_LIVO2 = entry_format(
     "fast-livo2",
     "p_camera = Rcl p_lidar + Pcl: extrin_calib",
     lambda source: bool(_blocks(Node("", source.mapping))),
     _find_block,
-    _RotationAndTranslation(),
+    RotationNotation("Rcl", "Pcl"),
     read_lens=read_vikit_lens,
 )

@@ -116,11 +116,6 @@ def pixels_from_corner(where: str, camera: Camera) -> list[float]:
     return [fx, fy, cx + 0.5, cy + 0.5]
 
 
-def numbers_of(camera: Camera) -> list[float]:
-    """List K, nine numbers by rows, in pixels."""
-    return [number for row in camera.K for number in row]
-
-
 def coefficients_of(camera: Camera) -> list[float]:
     """List the distortion coefficients in OpenCV's order; zeros for a lens without distortion."""
     return list(camera.distortion) or [0.0] * MIN_COUNTS[camera.model]

@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from semcal_cli.formats.document_formats import entry_format, under
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.matrix import directed_format
-from semcal_cli.formats.node import Node
-from semcal_cli.formats.pose import MatrixNotation, check_transform, rounded, transform
+from semcal_cli.formats.pose import MatrixNotation, RotationNotation, rounded
 from semcal_cli.geometry.arrays import Pose
 
 R3LIVE_KEY = "r3live_vio"
 ODIN_KEY = "Tcl_0"
 MATRIX_KEY = "extrinsic_matrix"
-
-
-class _CameraOnImu:
-    """A pose as camera_ext_R, nine numbers by rows, and camera_ext_t."""
-
-    def read(self, node: Node, options: FormatOptions) -> Pose:
-        R = node.at("camera_ext_R")
-        T = transform(R.matrix(3, 3), node.at("camera_ext_t").numbers(3))
-        return check_transform(R.where, T, options)
-
-    def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        entry["camera_ext_R"], entry["camera_ext_t"] = rounded(T[:3, :3].ravel()), rounded(T[:3, 3])
 
 
 def _is_r3live(source: Source) -> bool:
@@ -39,7 +24,7 @@ R3LIVE = entry_format(
     "p_imu = R p_camera + t, where the IMU inside the LiDAR, centimetres from its origin, stands for it: r3live_vio",
     _is_r3live,
     under(R3LIVE_KEY),
-    _CameraOnImu(),
+    RotationNotation("camera_ext_R", "camera_ext_t"),
     maps_camera=True,
 )
 ODIN = entry_format(

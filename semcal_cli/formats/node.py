@@ -100,6 +100,12 @@ class Node:
             raise self.mismatch(f"{' or '.join(map(str, counts))} numbers" if counts else "numbers")
         return [number(self.where, value) for value in self.value]
 
+    def rows(self, *counts: int) -> list[list[float]]:
+        """Read rows of finite numbers, as many in each as one of `counts`, if any are given."""
+        if not isinstance(self.value, list):
+            raise self.mismatch("rows of numbers")
+        return [self.child(index, row).numbers(*counts) for index, row in enumerate(self.value)]
+
     def data(self) -> list[Any]:
         """Look up the finite numbers of a matrix, unconverted: under its key `data`, or as the value itself."""
         node = Node(self.file, self.value.get("data"), self.key) if isinstance(self.value, dict) else self

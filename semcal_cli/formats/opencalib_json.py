@@ -27,10 +27,7 @@ def _entries(document: Node, kind: str) -> list[Node]:
 
 def _rows(matrix: Node) -> list[float]:
     """List the numbers of a matrix by rows."""
-    data = matrix.at("data")
-    if not isinstance(data.value, list):
-        raise data.mismatch("rows of numbers")
-    return [number for index, row in enumerate(data.value) for number in data.child(index, row).numbers()]
+    return [number for row in matrix.at("data").rows() for number in row]
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:

@@ -32,10 +32,9 @@ from semcal_cli.formats.lenses import (
     intrinsic_matrix,
     matrix_camera,
     model_by_count,
-    numbers_of,
     refuse_camera,
 )
-from semcal_cli.formats.matrix import directed_format
+from semcal_cli.formats.matrix import SHAPES, directed_format
 from semcal_cli.formats.node import NUMBER, Node
 from semcal_cli.formats.pose import from_rows, rounded
 from semcal_cli.geometry.arrays import Pose
@@ -44,7 +43,6 @@ KEY = "CameraExtrinsicMat"
 """Key of the matrix that is written, and that is read first."""
 STORAGE = "opencv_storage"
 """Root element of the XML."""
-SHAPES = (3, 4), (4, 4)
 NEAR_ROTATION = 0.1
 """Largest difference of R R^T from the identity by which a transform is told from a projection."""
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
@@ -159,7 +157,7 @@ def _make(T: Pose, options: FormatOptions) -> bytes:
             f"image_width: {camera.width}",
             f"image_height: {camera.height}",
             f"fisheye_model: {int(camera.model == 'fisheye')}",
-            _matrix("camera_matrix", 3, numbers_of(camera)),
+            _matrix("camera_matrix", 3, np.ravel(camera.K).tolist()),
             _matrix("distortion_coefficients", len(coefficients), coefficients),
         ]
     return "".join(f"{line}\n" for line in lines).encode()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeGuard
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,7 @@ class PoseNotation(Protocol):
         """Read the pose (4, 4); raise an `InputError` if a number is wrong or the transform is not rigid."""
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        """Replace the pose, in the layout of the entry."""
+        """Write the pose into the entry of a new document."""
 
 
 @dataclass(frozen=True)
@@ -44,25 +44,34 @@ class MatrixNotation:
     def read(self, node: Node, options: FormatOptions) -> Pose:
         """Read the pose (4, 4)."""
         entry = node.at(self.key)
-        if is_flat(entry.value):
+        is_flat = isinstance(entry.value, list) and not any(isinstance(row, list) for row in entry.value)
+        if is_flat and len(entry.value) in (12, 16):
             return from_rows(entry.where, entry.numbers(), options)
         if not isinstance(entry.value, list) or len(entry.value) not in (3, 4):
             raise entry.mismatch("4 rows of 4 numbers")
-        rows = [entry.child(index, row).numbers(4) for index, row in enumerate(entry.value)]
-        return from_rows(entry.where, rows, options)
+        return from_rows(entry.where, entry.rows(4), options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        """Replace the matrix, in its own layout: one list or rows, with or without the last row."""
-        before = entry.get(self.key)
-        if is_flat(before):
-            entry[self.key] = rounded(T.ravel()[: len(before)])
-        else:
-            entry[self.key] = rounded(T[: 3 if isinstance(before, list) and len(before) == 3 else 4])
+        """Write the four rows."""
+        entry[self.key] = rounded(T)
 
 
-def is_flat(rows: object) -> TypeGuard[list[object]]:
-    """Return whether a matrix is one list of its numbers by rows."""
-    return isinstance(rows, list) and len(rows) in (12, 16) and not any(isinstance(row, list) for row in rows)
+@dataclass(frozen=True)
+class RotationNotation:
+    """A pose as a rotation, nine numbers by rows, and a translation, each under its key."""
+
+    rotation: str
+    translation: str
+
+    def read(self, node: Node, options: FormatOptions) -> Pose:
+        """Read the pose (4, 4)."""
+        R = node.at(self.rotation)
+        T = transform(R.matrix(3, 3), node.at(self.translation).numbers(3))
+        return check_transform(R.where, T, options)
+
+    def put(self, entry: dict[Any, Any], T: Pose) -> None:
+        """Write the nine numbers and the translation."""
+        entry[self.rotation], entry[self.translation] = rounded(T[:3, :3].ravel()), rounded(T[:3, 3])
 
 
 @dataclass(frozen=True)
@@ -86,7 +95,7 @@ class NumbersNotation:
         return pose_of(node.where if len(self.parts) > 1 else part.where, values, options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        """Replace the numbers, and keep other keys."""
+        """Write the numbers, and keep other keys."""
         values = numbers_of(T)
         for key, names in self.parts.items():
             numbers = rounded([values[name] for name in names])

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.document_formats import entry_format, under
+from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.pose import XYZ, XYZW, MatrixNotation, NumbersNotation, rounded
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import inverse
@@ -70,10 +71,6 @@ def _covariance(name: str, options: FormatOptions) -> Matrix:
     return options.covariance
 
 
-def _read_ros(source: Source, options: FormatOptions) -> Pose:
-    return inverse(ROS_POSE.read(source.node.at("pose"), options))
-
-
 def _make_ros(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
     covariance = ros_covariance(T_camera_lidar, _covariance(ROS, options))
     pose: dict[str, Any] = {}
@@ -88,10 +85,6 @@ def _is_ros(source: Source) -> bool:
     )
 
 
-def _read_gtsam(source: Source, options: FormatOptions) -> Pose:
-    return inverse(GTSAM_POSE.read(source.node, options))
-
-
 def _make_gtsam(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
     covariance = gtsam_covariance(_covariance(GTSAM, options))
     return {
@@ -101,19 +94,23 @@ def _make_gtsam(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
     }
 
 
-POSE_WITH_COVARIANCE = Format(
+POSE_WITH_COVARIANCE = entry_format(
     ROS,
     "p_lidar = T p_camera: pose.position, pose.orientation (x y z w) and covariance of a "
     "geometry_msgs/PoseWithCovariance, along and about the axes of the LiDAR",
     _is_ros,
-    _read_ros,
-    _make_ros,
+    under("pose"),
+    ROS_POSE,
+    maps_camera=True,
+    make=_make_ros,
 )
-POSE3 = Format(
+POSE3 = entry_format(
     GTSAM,
     "p_lidar = T p_camera: T_lidar_camera and covariance of a GTSAM Pose3, rotation first, along the camera's axes",
     lambda source: {GTSAM_POSE.key, "tangent"} <= source.mapping.keys(),
-    _read_gtsam,
-    _make_gtsam,
+    under(),
+    GTSAM_POSE,
+    maps_camera=True,
+    make=_make_gtsam,
     as_json=True,
 )

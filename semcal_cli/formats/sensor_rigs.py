@@ -8,8 +8,6 @@ that, and `correction_rig_T` shifts it after that.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from semcal_cli.errors import InputError
@@ -64,20 +62,15 @@ def _find_in_rig(document: Node, options: FormatOptions) -> SensorPair:
     return SensorPair(sensors[camera], sensors[lidar], T_BODY_OPTICAL)
 
 
-class _RigPose:
-    """A pose as DriveWorks states it, with its corrections."""
-
-    def read(self, node: Node, options: FormatOptions) -> Pose:
-        nominal = node.at(RIG_POSE)
-        T = _pose(nominal, nominal.at("t").numbers(3), options)
-        if RIG_TURN in node.mapping:
-            T = T @ _pose(node.at(RIG_TURN), [0.0] * 3, options)
-        if RIG_SHIFT in node.mapping:
-            T[:3, 3] += node.at(RIG_SHIFT).numbers(3)
-        return T
-
-    def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        raise InputError("format driveworks is only read; choose another")
+def _read_rig_pose(node: Node, options: FormatOptions) -> Pose:
+    """Read a pose as DriveWorks states it, with its corrections."""
+    nominal = node.at(RIG_POSE)
+    T = _pose(nominal, nominal.at("t").numbers(3), options)
+    if RIG_TURN in node.mapping:
+        T = T @ _pose(node.at(RIG_TURN), [0.0] * 3, options)
+    if RIG_SHIFT in node.mapping:
+        T[:3, 3] += node.at(RIG_SHIFT).numbers(3)
+    return T
 
 
 def _pose(node: Node, translation: list[float], options: FormatOptions) -> Pose:
@@ -90,7 +83,7 @@ ANYWHERE = base_format(
     "p_parent = T p_child: extrinsics.yaml, value of each sensor, x y z qx qy qz qw",
     _is_of_anywhere,
     _find_in_anywhere,
-    NumbersNotation({"value": (*XYZ, *XYZW)}),
+    NumbersNotation({"value": (*XYZ, *XYZW)}).read,
     base="parent",
     asks=FRAMES,
 )
@@ -99,7 +92,7 @@ DRIVEWORKS = base_format(
     f"p_rig = T p_sensor: rig.json, {RIG_POSE} of each sensor with its corrections, degrees",
     lambda source: bool(_sensors(Node("", source.mapping))),
     _find_in_rig,
-    _RigPose(),
+    _read_rig_pose,
     base="rig",
     asks=FRAMES[1:],
 )

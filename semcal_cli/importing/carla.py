@@ -20,7 +20,7 @@ from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.formats.frame_names import T_BODY_OPTICAL
 from semcal_cli.formats.lenses import intrinsic_matrix
 from semcal_cli.formats.node import MAX_MOUNT_M, Node, pick
-from semcal_cli.formats.pose import RPY, XYZ
+from semcal_cli.formats.pose import RPY, XYZ, transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.dataset_tree import inside, need_file, numbered_files
@@ -40,7 +40,6 @@ SEGMENTATION, IMAGE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
 LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
 KINDS = (SEGMENTATION, IMAGE, LIDAR, SEMANTIC_LIDAR)
 """Types of sensors that are read; others, such as a speedometer, have no pose."""
-MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 OLD_TAGS, NEW_TAGS = (0, 9, 10), (0, 9, 14)
 """First releases of the two class tables. The second table has Cityscapes' train order. Earlier tags differ from
 both."""
@@ -99,15 +98,10 @@ def pose_from_unreal(x: float, y: float, z: float, roll: float, pitch: float, ya
     Returns:
         T_parent_sensor (4, 4), metres; both frames have x forward, y left, z up.
     """
-    (sr, sp, sy), (cr, cp, cy) = (f(np.radians([roll, pitch, yaw])) for f in (np.sin, np.cos))
-    T = np.eye(4)
-    T[:3, :3] = [
-        [cp * cy, cy * sp * sr - sy * cr, -cy * sp * cr - sy * sr],
-        [cp * sy, sy * sp * sr + cy * cr, -sy * sp * cr + cy * sr],
-        [sp, -cp * sr, cp * cr],
-    ]
-    T[:3, 3] = x, y, z
-    return np.asarray(MIRROR @ T @ MIRROR)
+    from scipy.spatial.transform import Rotation
+
+    R = Rotation.from_euler("xyz", [roll, -pitch, -yaw], degrees=True).as_matrix()
+    return transform(R, [x, -y, z])
 
 
 def _table(version: str | None) -> str:

@@ -19,9 +19,8 @@ from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
-from semcal_cli.formats import read_transform
+from semcal_cli.formats import read_reference
 from semcal_cli.formats.camera_block import read_intrinsics
-from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.importing.dataset_tree import (
@@ -218,7 +217,5 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
 
 
 def _reference(path: Path, direction: Direction | None) -> Pose:
-    options = FormatOptions(direction=direction)
     with np.errstate(all="ignore"):
-        T = read_transform(path, None, options, direction_option="--reference-direction")
-    return rigid(f"{path}", T, MAX_TRANSLATION_M)
+        return rigid(f"{path}", read_reference(path, direction).T_camera_lidar, MAX_TRANSLATION_M)

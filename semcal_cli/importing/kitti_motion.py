@@ -20,8 +20,8 @@ from semcal_cli.formats.node import number, parse_number
 from semcal_cli.geometry.arrays import Pose, TwistVector
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.importing.dataset_tree import KITTI_PERIOD_S
-from semcal_cli.importing.recording import Recording, SourceFrame, with_poses
-from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, NS, SIGMA, are_covered
+from semcal_cli.importing.recording import Recording, is_covered, with_poses
+from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, NS, SIGMA
 from semcal_cli.observations.motion import displacement
 
 SPIN = {"rate_hz": 1.0 / KITTI_PERIOD_S, "clockwise": True, "seam_deg": 180.0}
@@ -47,7 +47,7 @@ USED = (3, 4, 8, 9, 10, 17, 18, 19)
 NUM_VALUES = USED[-1] + 1
 MAX_RATE = 1e3
 """Largest velocity and rate, as in a drive."""
-HALF_SWEEP_NS = round(0.55 * KITTI_PERIOD_S * NS)
+HALF_SWEEP_S = 0.55 * KITTI_PERIOD_S
 """Time around a stamp in which poses are needed: half a turn, and some more for the image."""
 
 
@@ -125,7 +125,7 @@ def with_motion(recording: Recording, poses: Mapping[int, Pose], source: str) ->
     """Add poses to a recording, and leave out the frames that they do not cover.
 
     Args:
-        recording: Frames with the stamps of their sweeps.
+        recording: Frames with the stamps of their sweeps and images.
         poses: Poses (4, 4) of the LiDAR, by their times in nanoseconds.
         source: Where they come from.
 
@@ -133,17 +133,10 @@ def with_motion(recording: Recording, poses: Mapping[int, Pose], source: str) ->
         The recording; as it was, with a remark, if most frames have no poses around them.
     """
     stamps = sorted(poses)
-    frames = [frame for frame in recording.frames if _is_covered(frame, stamps)]
+    frames = [frame for frame in recording.frames if is_covered(frame, stamps, HALF_SWEEP_S)]
     if 2 * len(frames) < len(recording.frames):
         remark = f"{source} gives no poses around most frames: no motion is written, and sweeps stay skewed"
         return replace(recording, remarks=(*recording.remarks, remark))
     remark = f"sweeps are deskewed by the spin of the LiDAR and the motion in {source}"
     ascending = {stamp: poses[stamp] for stamp in stamps}
     return with_poses(recording, frames, ascending, {"sigma": SIGMA}, remark)
-
-
-def _is_covered(frame: SourceFrame, stamps: Sequence[int]) -> bool:
-    if frame.points_stamp is None:
-        return False
-    stamp_ns = round(frame.points_stamp * NS)
-    return are_covered(stamps, (stamp_ns - HALF_SWEEP_NS, stamp_ns + HALF_SWEEP_NS))

@@ -114,11 +114,8 @@ class ViewedScene:
         """
         _, image = self.keyframes[0]
         K = self.sensor(image).at("camera_intrinsic")
-        if not isinstance(K.value, list):
-            raise K.mismatch("3 rows of 3 numbers")
-        rows = [K.child(index, row).numbers(3) for index, row in enumerate(K.value)]
         width, height = (image.at(key).side() for key in ("width", "height"))
-        block = {"model": "plumb_bob", "width": width, "height": height, "K": rows}
+        block = {"model": "plumb_bob", "width": width, "height": height, "K": K.rows(3)}
         return camera_block(K.file, block, {"K": K.key})
 
 

@@ -232,7 +232,7 @@ def with_trajectory(
         InputError: there is no frame with poses before and after its sweep and its image.
     """
     stamps_ns = [*poses]
-    frames = [frame for frame in recording.frames if _is_covered(frame, stamps_ns, sweep_s)]
+    frames = [frame for frame in recording.frames if is_covered(frame, stamps_ns, sweep_s)]
     if not frames:
         raise InputError(f"{source}: found no poses before and after the sweep and the image of any frame")
     stamps_s = np.array([frame.points_stamp for frame in frames])
@@ -244,7 +244,8 @@ def with_trajectory(
     return with_poses(recording, frames, poses, motion, f"sweeps are moved to their images by {source.name}")
 
 
-def _is_covered(frame: SourceFrame, stamps_ns: Sequence[int], sweep_s: float) -> bool:
+def is_covered(frame: SourceFrame, stamps_ns: Sequence[int], sweep_s: float) -> bool:
+    """Return whether poses with these ascending stamps cover the image of a frame and the time around its sweep."""
     if frame.points_stamp is None or frame.image_stamp is None:
         return False
     moments_s = (frame.points_stamp - sweep_s, frame.points_stamp + sweep_s, frame.image_stamp)

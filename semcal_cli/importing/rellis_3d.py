@@ -1,7 +1,7 @@
 """RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin and the folders beside it (README of unmannedlab/RELLIS-3D).
 
 Sweep 000104 belongs to image frame000104-1581624663_149, whose name ends with its time in seconds and milliseconds.
-`transforms.yaml` maps the camera to the LiDAR and is inverted; see `RELLIS_3D` in `formats/documents.py`.
+`transforms.yaml` maps the camera to the LiDAR and is inverted; see `RELLIS_3D` in `formats/document_formats.py`.
 """
 
 from __future__ import annotations

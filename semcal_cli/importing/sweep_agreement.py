@@ -11,14 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.geometry.arrays import Array, Matrices, Matrix, Numbers, Points, Pose, Vectors
+from semcal_cli.geometry.arrays import Matrices, Numbers, Points, Pose, Vectors
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.importing.sweep_odometry import (
     CELL_M,
-    MIN_CELL_POINTS,
     MIN_SHARE,
     RANGES_M,
+    cell_shapes,
     constraint_shares,
+    voxel_keys,
 )
 
 SURFACE_NOISE_M = 0.05
@@ -48,15 +49,8 @@ class Surfaces:
         near: Vectors = _within_reach(points).astype(np.float64)
         self.fix_a_position = bool(constraint_shares(near)[0][0] >= MIN_SHARE)
         """Whether surfaces face all directions. Between endless smooth walls nothing shows a motion along them."""
-        cells, cell, counts = np.unique(_cells_of(near), return_inverse=True, return_counts=True)
-        means = _sums(cell, near) / counts[:, None]
-        apart = near - means[cell]
-        products = _sums(cell, np.einsum("ni,nj->nij", apart, apart).reshape(-1, 9)).reshape(-1, 3, 3)
-        variances, axes = np.linalg.eigh(products / counts[:, None, None])
-        is_full = counts >= MIN_CELL_POINTS
-        self._cells, self._means = cells[is_full], means[is_full]
-        weights = 1.0 / (variances[is_full] + SURFACE_NOISE_M**2)
-        self._weights = np.einsum("nia,na,nja->nij", axes[is_full], weights, axes[is_full])
+        self._cells, self._means, variances, axes = cell_shapes(near)
+        self._weights = np.einsum("nia,na,nja->nij", axes, 1.0 / (variances + SURFACE_NOISE_M**2), axes)
 
     def displacement(self, points: Points) -> Displacement | None:
         """Find how far a sweep (N, 3) is from the surfaces, metres, in the same frame; None if it meets too few."""
@@ -89,7 +83,7 @@ class Surfaces:
     def _met(self, points: Vectors, T: Pose) -> _Met:
         """Move points by T, and find those in cells with a surface."""
         moved = points @ T[:3, :3].T + T[:3, 3]
-        keys = _cells_of(moved)
+        keys = voxel_keys(moved, CELL_M)
         cell = np.minimum(np.searchsorted(self._cells, keys), max(len(self._cells) - 1, 0))
         meets = self._cells[cell] == keys if len(self._cells) else np.zeros(len(keys), bool)
         moved, cell = moved[meets], cell[meets]
@@ -121,16 +115,6 @@ def _within_reach(points: Points) -> Points:
     ranges_m = np.linalg.norm(points, axis=1)
     within: Points = points[(ranges_m > RANGES_M[0]) & (ranges_m < RANGES_M[1])]
     return within
-
-
-def _cells_of(points: Vectors) -> Array:
-    keys: Array = np.floor(points / CELL_M).astype(np.int64) @ [1, 1 << 20, 1 << 40]
-    return keys
-
-
-def _sums(cell: Array, rows: Matrix) -> Matrix:
-    """Sum the rows of each cell."""
-    return np.stack([np.bincount(cell, column) for column in rows.T], axis=-1)
 
 
 def _turns(points: Vectors) -> Matrices:

@@ -20,7 +20,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError, counted
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.geometry.arrays import Matrix, Numbers, Points, Pose, Vector, Vectors
+from semcal_cli.geometry.arrays import Array, Matrices, Matrix, Numbers, Points, Pose, Vector, Vectors
 from semcal_cli.geometry.poses import orthonormal, quaternion_xyzw
 from semcal_cli.observations.motion import displacement
 from semcal_cli.observations.point_times import checked_times
@@ -228,6 +228,41 @@ class Odometry:
         return twist_from(before, self._kiss.last_pose, step_ns / NS)
 
 
+def voxel_keys(points: Vectors | Points, side_m: float) -> Array:
+    """Number the voxels of a side, metres, in which points (N, 3) lie: (N,)."""
+    keys: Array = np.floor(points / side_m).astype(np.int64) @ [1, 1 << 20, 1 << 40]
+    return keys
+
+
+class CellShapes(NamedTuple):
+    """The shapes of the cells with enough points: the normal distributions of the points of each."""
+
+    keys: Array
+    """(C,) see `voxel_keys`; ascending."""
+    means: Vectors
+    """(C, 3) metres."""
+    variances: Vectors
+    """(C, 3) along the axes, square metres, ascending."""
+    axes: Matrices
+    """(C, 3, 3) columns."""
+
+
+def cell_shapes(points: Vectors) -> CellShapes:
+    """Measure the shapes of the cells that points (N, 3), metres, fill."""
+    centers = (np.floor(points / CELL_M) + 0.5) * CELL_M
+    inside = points - centers
+    keys, first, cell, counts = np.unique(
+        voxel_keys(points, CELL_M), return_index=True, return_inverse=True, return_counts=True
+    )
+    mean = np.stack([np.bincount(cell, axis) for axis in inside.T], axis=-1) / counts[:, None]
+    products = [[np.bincount(cell, a * b) for b in inside.T] for a in inside.T]
+    covariances = (
+        np.moveaxis(np.array(products), -1, 0) / counts[:, None, None] - mean[:, :, None] * mean[:, None]
+    )
+    is_full = counts >= MIN_CELL_POINTS
+    return CellShapes(keys[is_full], (centers[first] + mean)[is_full], *np.linalg.eigh(covariances[is_full]))
+
+
 def constraint_shares(
     points: Vectors,
 ) -> tuple[Vector, Matrix]:
@@ -243,17 +278,7 @@ def constraint_shares(
         Shares (3,) of the three directions, which sum to 1, the smallest first, and their axes as columns (3, 3);
         zeros and the LiDAR's axes without surfaces.
     """
-    cells = np.floor(points / CELL_M)
-    inside = points - (cells + 0.5) * CELL_M
-    _, cell, counts = np.unique(
-        cells.astype(np.int64) @ [1, 1 << 20, 1 << 40], return_inverse=True, return_counts=True
-    )
-    mean = np.stack([np.bincount(cell, axis) for axis in inside.T], axis=-1) / counts[:, None]
-    products = [[np.bincount(cell, a * b) for b in inside.T] for a in inside.T]
-    covariances = (
-        np.moveaxis(np.array(products), -1, 0) / counts[:, None, None] - mean[:, :, None] * mean[:, None]
-    )
-    variances, axes = np.linalg.eigh(covariances[counts >= MIN_CELL_POINTS])
+    _, _, variances, axes = cell_shapes(points)
     is_surface = variances[:, 1] > 2.0 * ROUGH_M**2
     variances, axes = variances[is_surface], axes[is_surface]
     if not len(variances):
@@ -280,12 +305,9 @@ def _best_speed(first: _Sweep, second: _Sweep) -> list[float]:
 def _overlap(first: _Sweep, second: _Sweep, twist_per_s: Sequence[float]) -> float:
     """Compute the share of the second sweep's points that lie in a voxel with points of the first, for a motion."""
     motion, seconds = core.Trajectory.constant(twist_per_s, 0.0), (second.moment_ns - first.moment_ns) / NS
-    before = motion.compensate(first.points, first.times_s, 0.0)
-    after = motion.compensate(second.points, second.times_s + seconds, 0.0)
-    keys = [
-        np.floor(points / OVERLAP_M).astype(np.int64) @ [1, 1 << 20, 1 << 40] for points in (before, after)
-    ]
-    return float(np.isin(keys[1], keys[0]).mean()) if len(keys[1]) else 0.0
+    before = voxel_keys(motion.compensate(first.points, first.times_s, 0.0), OVERLAP_M)
+    after = voxel_keys(motion.compensate(second.points, second.times_s + seconds, 0.0), OVERLAP_M)
+    return float(np.isin(after, before).mean()) if len(after) else 0.0
 
 
 def _jumps(before: Sequence[float], after: Sequence[float]) -> bool:
@@ -379,7 +401,7 @@ def _thinned(indices: npt.NDArray[np.intp], points: Points) -> npt.NDArray[np.in
     indices = indices[:: -(-len(indices) // MAX_SWEEP_POINTS) or 1]
     if len(indices) <= MAX_SWEEP_CELLS:
         return indices
-    cells = np.floor(points[indices] / VOXEL_M).astype(np.int64) @ [1, 1 << 20, 1 << 40]
+    cells = voxel_keys(points[indices], VOXEL_M)
     filled = np.unique(cells)
     if len(filled) <= MAX_SWEEP_CELLS:
         return indices

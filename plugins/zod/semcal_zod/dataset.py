@@ -70,16 +70,9 @@ def read(request: Request) -> Recording:
     return with_trajectory(recording, poses, folder / MOTION, point_times="relative", sweep_s=SWEEP_S)
 
 
-def _rows(node: Node, *counts: int) -> list[list[float]]:
-    """Read rows of finite numbers, the number of which in a row is one of `counts`."""
-    if not isinstance(node.value, list):
-        raise node.mismatch("rows of numbers")
-    return [node.child(index, row).numbers(*counts) for index, row in enumerate(node.value)]
-
-
 def _pose(node: Node, farthest_m: float = MAX_MOUNT_M) -> Pose:
     """Read T_ego_sensor or T_world_ego (4, 4), metres."""
-    rows = _rows(node, 4)
+    rows = node.rows(4)
     if len(rows) != 4:
         raise node.mismatch("4 rows of 4 numbers")
     return from_rows(node.where, rows, farthest_m=farthest_m)
@@ -106,7 +99,7 @@ def _camera(calibration: Node) -> dict[str, Any]:
         "model": "fisheye",
         "width": width,
         "height": height,
-        "K": [row[:3] for row in _rows(calibration.at("intrinsics"), 3, 4)],
+        "K": [row[:3] for row in calibration.at("intrinsics").rows(3, 4)],
         "distortion": calibration.at("distortion").numbers(4),
     }
     keys = {"K": "FC.intrinsics", "distortion": "FC.distortion"}

@@ -191,7 +191,7 @@ def longest_ascending(values: Sequence[int]) -> list[int]:
     for index, value in enumerate(values):
         length = bisect_left(ends, value, key=lambda end: values[end])
         before.append(ends[length - 1] if length else None)
-        ends[length:] = [index, *ends[length + 1 :]]
+        ends[length : length + 1] = [index]
     indices: list[int] = []
     last = ends[-1] if ends else None
     while last is not None:

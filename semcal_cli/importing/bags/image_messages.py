@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -149,8 +148,11 @@ def _grey_pixels(file: ImageFile) -> RawPixels | None:
 
 
 def _converted(pixels: RawPixels, conversion: int) -> RawPixels:
-    converted: RawPixels = _decode(lambda: cv2.cvtColor(pixels, conversion))
-    return converted
+    try:
+        converted: Any = cv2.cvtColor(pixels, conversion)
+    except cv2.error:
+        raise MessageError("found a damaged image") from None
+    return np.asarray(converted)
 
 
 def _color_error(bayer: Bayer) -> MessageError:
@@ -181,8 +183,8 @@ def _compressed(message: Message) -> ImageFile:
     image = message.content
     content = bytes(image.data)
     kind = "compressedDepth" if "compressedDepth" in image.format else image.format[:40]
-    suffix = {b"\x89PNG": ".png", b"\xff\xd8\xff\xe0": ".jpg"}.get(content[:4])
-    suffix = suffix or (".jpg" if content.startswith(b"\xff\xd8\xff") else None)
+    is_jpeg = content.startswith(b"\xff\xd8\xff")
+    suffix = ".jpg" if is_jpeg else ".png" if content.startswith(b"\x89PNG") else None
     if suffix is None or kind == "compressedDepth":
         raise MessageError(
             f"found {counted(len(content), 'byte')} of format {kind!r}, expected a JPEG or a PNG"
@@ -242,13 +244,3 @@ def _decode_file(content: bytes, flags: int) -> RawPixels:
     if pixels is None:
         raise MessageError("found a damaged image")
     return pixels
-
-
-def _decode(decode: Callable[[], Any]) -> Any:
-    try:
-        image = decode()
-    except cv2.error:
-        image = None
-    if image is None:
-        raise MessageError("found a damaged image")
-    return image
