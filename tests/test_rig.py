@@ -18,7 +18,7 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files import point_clouds
 from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.poses import inverse
+from semcal_cli.geometry.poses import inverse, rpy as rpy_of
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_document import find_rig, read_rig
 from semcal_cli.many.rig.rig_pair import Reference, make_pair
@@ -264,7 +264,6 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
     team.write_text("semcal_options: 1\ncalibrate: {init-rpy-xyz: [0, 0, 0, 0, 0, 0]}\n")
     for options in (
         [],
-        ["--init", rig.parent / "camera_0"],
         ["--frames", "0:2"],
         ["--to", "tum"],
         ["--json"],
@@ -351,3 +350,57 @@ def test_clouds_that_are_missing_are_left_to_their_own_camera(rig: Path, tmp_pat
     path = copy_rig(rig, tmp_path, {"front": "camera_0", "rear": "camera_0"})
     shutil.rmtree(tmp_path / "rear/points")
     assert list(read_rig(path).read_drives()) == ["front", "rear"]
+
+
+def with_frames(rig: Path, folder: Path) -> tuple[Path, Path]:
+    """Copy a rig whose drives name their frames and state no transform, and write a URDF that states both."""
+    shutil.copytree(rig.parent, folder)
+    joints = []
+    for name in NAMES:
+        file = folder / name / "drive.yaml"
+        document = read_document(file)
+        T = inverse(np.array(document.pop("T_camera_lidar")))
+        names = {"lidar": "top", "camera": f"{name}_optical_frame"}
+        file.write_text(yaml.safe_dump({**document, "frame_ids": names}))
+        rpy, xyz = (" ".join(map(str, values)) for values in (rpy_of(T), T[:3, 3]))
+        links = f'<parent link="top"/><child link="{name}_optical_frame"/><origin xyz="{xyz}" rpy="{rpy}"/>'
+        joints.append(f'<joint name="{name}" type="fixed">{links}</joint>')
+    urdf = folder / "robot.urdf"
+    urdf.write_text(f'<robot name="r">{"".join(joints)}</robot>')
+    return folder, urdf
+
+
+def test_a_robot_description_gives_each_camera_its_own_start(rig: Path, tmp_path: Path) -> None:
+    """Each drive's `frame_ids` name its camera among those of the file, also for one drive alone."""
+    folder, urdf = with_frames(rig, tmp_path / "rig")
+    out = tmp_path / "out"
+    result = run(folder, "--init", urdf, "-o", out, "--no-polish", "--cue", "labels")
+    assert result.exit_code in (0, 3), result.output
+    for name in NAMES:
+        truth = np.array(read_drive(rig.parent / name).T_camera_lidar)
+        initial = np.array(read_calibration(out / f"{name}.yaml").stages["initial"].T_camera_lidar)
+        assert initial == pytest.approx(truth, abs=1e-6)
+    again = run(folder, "--init", out, "-o", tmp_path / "again", "--no-polish", "--cue", "labels")
+    assert f"camera_1: --init {out}/camera_1.yaml" in " ".join(again.stderr.split())
+    one = run(folder / NAMES[1], "--init", urdf, "-o", tmp_path / "one.yaml", "--no-polish")
+    assert one.exit_code in (0, 3), one.output
+    limits = ("--max-rotation-deg", 0.5, "--json", "-q")
+    for drive in (folder, folder / NAMES[1]):
+        assert json.loads(invoke("verify", drive, urdf, *limits).stdout)["verdict"] == "pass"
+
+
+def test_a_file_of_one_camera_is_no_start_of_a_rig(
+    rig: Path, rig_results: tuple[Result, Path], tmp_path: Path
+) -> None:
+    one = rig_results[1] / "camera_0.yaml"
+    for result in (run(rig, "--init", one, "-o", tmp_path / "out"), invoke("verify", rig, one)):
+        assert str(result.exception) == (
+            f"{one}: found one transform for camera_0 and camera_1, expected one for each, by the `frame_ids` of its "
+            "drive, or the results of a rig"
+        )
+    drive = rig.parent / "camera_0"
+    assert str(run(rig, "--init", drive, "-o", tmp_path / "out").exception) == (
+        f"{drive}: found no rig_calibration.yaml, expected the results of a rig, or a file that names the frames of "
+        "all its sensors, such as a URDF"
+    )
+    assert not (tmp_path / "out").exists()

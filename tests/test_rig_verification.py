@@ -266,7 +266,7 @@ def test_what_is_wrong_is_said_before_the_work(
     )
     (tmp_path / "taken").write_text("")
     for words, complaint in (
-        ((rig_results[1] / "camera_0.yaml",), "found no key semcal_rig_calibration"),
+        ((rig_results[1] / "camera_0.yaml",), "found one transform for camera_0 and camera_1"),
         (("--overlay", tmp_path / "taken"), "found a file, expected a folder for images"),
     ):
         assert complaint in str(verify(rig, *words).exception)

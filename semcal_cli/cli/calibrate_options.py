@@ -169,7 +169,11 @@ class CalibrateSettings(
             click.UsageError: options conflict in a way that no rule covers.
             InputError: the file of `--init` is not a transform, or a pose puts the camera too far from the LiDAR.
         """
-        for name in ("initial_pose", "paper", "config", "priors"):
+        from semcal_cli.many.rig.rig_document import find_rig
+
+        # The start of a rig is read with its cameras.
+        is_rig = self.init is not None and self.drive.exists() and find_rig(self.drive) is not None
+        for name in ("paper", "config") if is_rig else ("initial_pose", "paper", "config", "priors"):
             getattr(self, name)
 
     def check_estimator(self) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,6 +31,7 @@ from semcal_cli.many.rig.further_lidar import LidarCalibration, assess_lidar, fi
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
 from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.many.rig.rig_page import rig_page_html
+from semcal_cli.many.rig.rig_result import check_one_each, transforms_of
 from semcal_cli.many.rig.sweep_registration import check_registration
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.skew import Skew
@@ -49,7 +51,7 @@ if TYPE_CHECKING:
     from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor
 
 OF_ONE_CAMERA = (
-    *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
+    *("--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
     *("--frames", "--exclude", "--to", "--overlay", "--json", "--image-model"),
 )
 """Options of `calibrate` that make sense for a single camera only."""
@@ -178,23 +180,43 @@ def _choose_starts(
     """Choose the start of each camera, and print it.
 
     Raises:
-        InputError: no camera has one.
+        InputError: no camera has one, or the file of all is wrong.
     """
     starts: dict[str, CalibrateSettings | NoStartError] = {}
     terminal = settings.terminal()
+    files = dict[str, Path]() if settings.init is None else _given_starts(rig, settings)
     for name, drive in drives.items():
         try:
-            starts[name], sentence = choose_start(settings, drive)
+            of_camera = replace(settings, drive=drive.path, init=files.get(name))
+            starts[name], sentence = choose_start(of_camera, drive)
             terminal.print(labelled("start", f"{name}: {sentence}"))
         except NoStartError as error:
             starts[name] = error
     if all(isinstance(start, NoStartError) for start in starts.values()):
         raise InputError(
             f"{rig.path}: {', '.join(starts)} have no labels and no motion, so each needs a start within 5 degrees and "
-            "0.3 m: state T_camera_lidar in its drive.yaml (`semcal view DRIVE -o FILE` makes one by hand), or label "
-            "its images (`semcal label DRIVE --image-model cityscapes -o DRIVE`)"
+            "0.3 m: add --init with a file of all mountings, such as a URDF, state T_camera_lidar in its drive.yaml "
+            "(`semcal view DRIVE -o FILE` makes one by hand), or label its images (`semcal label DRIVE --image-model "
+            "cityscapes -o DRIVE`)"
         )
     return starts
+
+
+def _given_starts(rig: Rig, settings: CalibrateSettings) -> dict[str, Path]:
+    """Find the file of the start of each camera: a file of all sensors, or the results of a rig.
+
+    Raises:
+        InputError: a file is missing or wrong, or states one transform for two cameras.
+    """
+    transforms = transforms_of(rig, settings.init, settings.max_points)
+    folder, views = rig.path.parent, rig.views
+    cameras = {
+        name: replace(settings, drive=folder / views[name].drive, init=file)
+        for name, file in transforms.files.items()
+    }
+    poses = {name: camera.initial_pose for name, camera in cameras.items()}
+    check_one_each(rig, transforms, {name: pose.T_camera_lidar for name, pose in poses.items() if pose})
+    return transforms.files
 
 
 @contextmanager

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import click
 
@@ -28,6 +29,7 @@ from semcal_cli.errors import InputError, check_torch
 from semcal_cli.files.output_files import descriptor
 
 if TYPE_CHECKING:
+    from semcal_cli.cli.options import DriveSettings
     from semcal_cli.estimation.adjust.priors import Prior
     from semcal_cli.estimation.search.initial_pose import InitialPose
 
@@ -50,7 +52,11 @@ class Roll(FiniteRange):
 
 
 def read_initial_pose(
-    path: Path, direction: Direction | None = None, *, direction_option: str | None = None
+    path: Path,
+    direction: Direction | None = None,
+    *,
+    direction_option: str | None = None,
+    drive: Path | None = None,
 ) -> InitialPose:
     """Read the transform to start from, or to verify.
 
@@ -58,11 +64,12 @@ def read_initial_pose(
         path: The file.
         direction: Direction of a matrix whose file does not state it; None if it is not given.
         direction_option: Name of the command's option for the direction; None if it has none.
+        drive: The drive, whose `frame_ids` name the frames of a file with several cameras or LiDARs.
 
     Raises:
         InputError: the file is not a transform, is ambiguous, or is standard input.
     """
-    from semcal_cli.drive.document import drive_file
+    from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.formats.format import FormatOptions
@@ -71,7 +78,10 @@ def read_initial_pose(
         raise InputError(
             f"{path}: found standard input, expected a file: the result records its name and hash"
         )
-    options = None if direction_option is None else FormatOptions(direction=direction)
+    frame_ids = None
+    with suppress(InputError):  # What is no drive, or a wrong one, is told where it is used.
+        frame_ids = None if drive is None else read_drive(drive).frame_ids
+    options = None if direction_option is None else FormatOptions(direction, frame_ids=frame_ids)
     extrinsic = read_extrinsic(path, None, options, direction_option=direction_option)
     return InitialPose(
         extrinsic.T_camera_lidar,
@@ -114,7 +124,8 @@ class StartSettings:
     def _read_start(self) -> InitialPose | None:
         if self.init is None:
             return None
-        return read_initial_pose(self.init, self.init_direction, direction_option="--init-direction")
+        option, drive = "--init-direction", cast("DriveSettings", self).drive
+        return read_initial_pose(self.init, self.init_direction, direction_option=option, drive=drive)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -79,7 +79,10 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
         from semcal_cli.drive.document import read_drive
 
         if self.calibration is not None:
-            return read_initial_pose(self.calibration, self.direction, direction_option="--direction")
+            option = "--direction"
+            return read_initial_pose(
+                self.calibration, self.direction, direction_option=option, drive=self.drive
+            )
         given = self.given or self.drive
         if read_drive(self.drive, self.max_points).T_camera_lidar is None:
             advice = f"`{shell('verify', given, 'CALIBRATION')}` takes one from a file"
@@ -129,7 +132,8 @@ def verify(settings: VerifySettings) -> None:
 
     Without CALIBRATION, verify the transform that the drive, the recording (/tf_static) or the data set
     states. A recording (.mcap, .bag, .db3, or a folder of them) or a data set becomes a temporary drive.
-    For a rig.yaml, verify each camera; CALIBRATION is then the folder that semcal calibrate wrote.
+    For a rig.yaml, verify each camera; CALIBRATION is then the folder that semcal calibrate wrote,
+    or a file that names the frames of all sensors, such as a URDF.
 
     The pose is estimated again, starting from the transform. The limits hold along and about each
     axis of the camera, and in total; --max-delay-ms adds one for the time offset.
@@ -138,7 +142,7 @@ def verify(settings: VerifySettings) -> None:
     alike.
 
     Exit code 0: every check passes. 3: an offset is beyond its limit, with a certainty of 95 %.
-    4: the data are inconclusive; --inconclusive changes this code.
+    4: the data are inconclusive; --inconclusive changes this code. 1: a camera could not be verified.
     """
     from semcal_cli.cli.given_source import temporary_drive
     from semcal_cli.cli.verdicts import cases_of, print_any
@@ -218,11 +222,12 @@ def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
     from semcal_cli.cli.outputs import Outputs, check_image_folder, check_outputs
     from semcal_cli.cli.tables import labelled
     from semcal_cli.files.point_clouds import SweepCache
-    from semcal_cli.many.rig.rig_result import transforms_of
+    from semcal_cli.many.rig.rig_result import check_one_each, transforms_of
     from semcal_cli.many.rig.rig_verification import RigVerification
 
     refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(rig.path))
-    files, failures, read = transforms_of(rig, settings.calibration, settings.max_points)
+    transforms = transforms_of(rig, settings.calibration, settings.max_points)
+    files, failures, read = transforms
     check_outputs(read, settings.junit)
     images = {name: None if settings.images is None else settings.images / name for name in files}
     for folder in filter(None, (settings.images, *images.values())):
@@ -234,6 +239,7 @@ def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
     }
     # All transforms are read before the first estimate.
     stated = {name: camera.initial_pose.T_camera_lidar for name, camera in cameras.items()}
+    check_one_each(rig, transforms, stated)
     verifications = {}
     for name, camera in cameras.items():
         terminal.print(f"[{name}]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError, listed, shell
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import FORMATS as DOCUMENTS, read_document
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import (
     FileName,
@@ -22,6 +23,7 @@ from semcal_cli.files.validation import (
     Version,
     validate,
 )
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.many.rig.adjustment_document import Adjustment
 from semcal_cli.many.rig.further_lidar import LidarCalibration, LidarStatus, reference_of
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine
@@ -175,7 +177,8 @@ def transforms_of(rig: Rig, result: Path | None, max_points: int = MAX_POINTS) -
 
     Args:
         rig: The rig.
-        result: Document of its result, or the folder that `semcal calibrate` wrote; None takes what the drives state.
+        result: Document of its result, the folder that `semcal calibrate` wrote, or another file that names the frames
+            of all sensors, such as a URDF; None takes what the drives state.
         max_points: Points of the largest sweep that is read.
 
     Raises:
@@ -193,11 +196,31 @@ def transforms_of(rig: Rig, result: Path | None, max_points: int = MAX_POINTS) -
             )
         return RigTransforms({name: drive.path for name, drive in drives.items()}, {}, paths)
     file = _document_of(result)
+    if is_folder(result) and not file.exists():
+        needed = "expected the results of a rig, or a file that names the frames of all its sensors, such as a URDF"
+        raise InputError(f"{result}: found no {file.name}, {needed}")
+    if not is_folder(result) and not (file.suffix.lower() in DOCUMENTS and KEY in read_document(file)):
+        return RigTransforms(dict.fromkeys(drives, file), {}, [*paths, file])
     rig_calibration, files = read_rig_result(rig, drives, file)
     failures = {
         name: f"its calibration failed, says {file}: {why}" for name, why in rig_calibration.failures.items()
     }
     return RigTransforms(files, failures, [*paths, *files.values(), file])
+
+
+def check_one_each(rig: Rig, transforms: RigTransforms, poses: Mapping[str, Pose]) -> None:
+    """Check that one file states another transform for each camera of a LiDAR.
+
+    Raises:
+        InputError: it states one for two of them.
+    """
+    views = rig.views
+    for a, b in combinations(poses, 2):
+        file = transforms.files[a]
+        is_one = file == transforms.files[b] and views[a].lidar == views[b].lidar
+        if is_one and np.array_equal(poses[a], poses[b]):
+            needed = "expected one for each, by the `frame_ids` of its drive, or the results of a rig"
+            raise InputError(f"{file}: found one transform for {a} and {b}, {needed}")
 
 
 def _document_of(result: Path) -> Path:
