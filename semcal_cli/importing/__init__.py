@@ -29,8 +29,9 @@ class Dataset(NamedTuple):
     """Module in this folder, and its function that turns a `Request` into a `Recording`."""
     summary: str
     """One line of help."""
-    signs: tuple[str, ...]
-    """Patterns of what is in ROOT, by which it is recognised if all of them match; `|` separates alternatives."""
+    signs: tuple[str, ...] = ()
+    """Patterns of what is in ROOT, by which it is recognised if all of them match; `|` separates alternatives. Without
+    any, it is only read by its name."""
     has_sequence_folders: bool = False
     """Whether the folder of a sequence, or the one that it is in, is recognised, too."""
     joins_sequences: bool = False

@@ -112,7 +112,7 @@ def _dataset(path: Path) -> Recognised | None:
 
 
 def _has_signs(root: Path, dataset: Dataset) -> bool:
-    return all(
+    return bool(dataset.signs) and all(
         any(next(root.glob(pattern), None) is not None for pattern in sign.split("|"))
         for sign in dataset.signs
     )
