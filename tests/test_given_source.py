@@ -14,6 +14,7 @@ from bag_imports import image, info, small
 from bags import write_drive_as_bag
 from conftest import Cli
 from dataset_trees import TREES
+from robots import robot
 
 from semcal_cli.cli import given_source
 from semcal_cli.cli.calibrate import calibrate
@@ -278,6 +279,22 @@ def test_the_transform_of_a_recording_is_verified(
     assert offsets(out)["rotation overall"] < 0.5
     assert str(temporary) not in out + err + page.read_text()
     assert not [*temporary.iterdir()]
+
+
+def test_the_frames_of_a_recording_choose_among_those_of_a_robot(
+    recording: Path, street_truth: Pose, cli: Cli
+) -> None:
+    """The recording names its frames only once it is imported."""
+    cameras = {
+        "left_optical": displace(street_truth, 30.0, 0.5, np.random.default_rng(2)),
+        "optical": street_truth,
+    }
+    Path("robot.urdf").write_text(robot("lidar", cameras))
+    code, out, err = cli("verify", recording, "robot.urdf", "--json", "--max-frames", "4", "-q")
+    assert code in (*VERDICTS_OF_VERIFY, 0), err
+    assert offsets(out)["rotation overall"] < 0.5
+    code, _, err = cli("calibrate", recording, "--init", "robot.urdf", "--max-frames", "2", "--no-polish")
+    assert "start            --init robot.urdf" in err
 
 
 def test_a_recording_without_a_transform_names_what_verifies_one(

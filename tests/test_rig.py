@@ -12,13 +12,14 @@ import yaml
 from click.testing import Result
 from commands import invoke
 from conftest import NAMES, SMALL, make_pose
+from robots import robot
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files import point_clouds
 from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.poses import inverse, rpy as rpy_of
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_document import find_rig, read_rig
 from semcal_cli.many.rig.rig_pair import Reference, make_pair
@@ -355,19 +356,15 @@ def test_clouds_that_are_missing_are_left_to_their_own_camera(rig: Path, tmp_pat
 def with_frames(rig: Path, folder: Path) -> tuple[Path, Path]:
     """Copy a rig whose drives name their frames and state no transform, and write a URDF that states both."""
     shutil.copytree(rig.parent, folder)
-    joints = []
+    cameras = {}
     for name in NAMES:
         file = folder / name / "drive.yaml"
         document = read_document(file)
-        T = inverse(np.array(document.pop("T_camera_lidar")))
         names = {"lidar": "top", "camera": f"{name}_optical_frame"}
+        cameras[names["camera"]] = np.array(document.pop("T_camera_lidar"))
         file.write_text(yaml.safe_dump({**document, "frame_ids": names}))
-        rpy, xyz = (" ".join(map(str, values)) for values in (rpy_of(T), T[:3, 3]))
-        links = f'<parent link="top"/><child link="{name}_optical_frame"/><origin xyz="{xyz}" rpy="{rpy}"/>'
-        joints.append(f'<joint name="{name}" type="fixed">{links}</joint>')
-    urdf = folder / "robot.urdf"
-    urdf.write_text(f'<robot name="r">{"".join(joints)}</robot>')
-    return folder, urdf
+    (folder / "robot.urdf").write_text(robot("top", cameras))
+    return folder, folder / "robot.urdf"
 
 
 def test_a_robot_description_gives_each_camera_its_own_start(rig: Path, tmp_path: Path) -> None:
@@ -384,9 +381,26 @@ def test_a_robot_description_gives_each_camera_its_own_start(rig: Path, tmp_path
     assert f"camera_1: --init {out}/camera_1.yaml" in " ".join(again.stderr.split())
     one = run(folder / NAMES[1], "--init", urdf, "-o", tmp_path / "one.yaml", "--no-polish")
     assert one.exit_code in (0, 3), one.output
+    batch = invoke("batch", folder / NAMES[1], "-o", tmp_path / "batch", "--", "--init", urdf, "--no-polish")
+    assert batch.exit_code in (0, 3), batch.output
     limits = ("--max-rotation-deg", 0.5, "--json", "-q")
     for drive in (folder, folder / NAMES[1]):
         assert json.loads(invoke("verify", drive, urdf, *limits).stdout)["verdict"] == "pass"
+
+
+def test_a_given_start_of_a_rig_is_not_replaced(
+    rig: Path, rig_results: tuple[Result, Path], tmp_path: Path
+) -> None:
+    folder, urdf = with_frames(rig, tmp_path / "rig")
+    results = tmp_path / "results"
+    shutil.copytree(rig_results[1], results)
+    before = {path: path.read_bytes() for path in (urdf, *results.iterdir())}
+    for words in (
+        ("--init", urdf, "-o", tmp_path / "out", "--log", urdf),
+        ("--init", results, "-o", results),
+    ):
+        assert "found a file that this run reads or writes" in str(run(folder, *words).exception)
+    assert all(path.read_bytes() == content for path, content in before.items())
 
 
 def test_a_file_of_one_camera_is_no_start_of_a_rig(

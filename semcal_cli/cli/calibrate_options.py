@@ -15,7 +15,13 @@ from semcal_cli.cli.label import ImageSettings
 from semcal_cli.cli.options import ResultSettings, result_file
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import argument, option, output_file, setting_of
-from semcal_cli.cli.stage_options import PRIORS, STARTS, RefinementSettings, SearchSettings
+from semcal_cli.cli.stage_options import (
+    PRIORS,
+    STARTS,
+    RefinementSettings,
+    SearchSettings,
+    as_far_as_named,
+)
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
 from semcal_cli.config.mine_config import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.config.setting import settings_of
@@ -169,12 +175,17 @@ class CalibrateSettings(
             click.UsageError: options conflict in a way that no rule covers.
             InputError: the file of `--init` is not a transform, or a pose puts the camera too far from the LiDAR.
         """
-        from semcal_cli.many.rig.rig_document import find_rig
+        is_rig = False
+        if self.init is not None and self.drive.exists():
+            from semcal_cli.importing.recognition import recognise
+            from semcal_cli.many.rig.rig_document import find_rig
 
-        # The start of a rig is read with its cameras.
-        is_rig = self.init is not None and self.drive.exists() and find_rig(self.drive) is not None
-        for name in ("paper", "config") if is_rig else ("initial_pose", "paper", "config", "priors"):
-            getattr(self, name)
+            # The starts of a rig are read with its drives.
+            is_rig = recognise(self.drive) is None and find_rig(self.drive) is not None
+        if not is_rig:
+            with as_far_as_named(self.drive):
+                _ = self.initial_pose, self.priors
+        _ = self.paper, self.config
 
     def check_estimator(self) -> None:
         """Check that torch is installed if MINE is chosen.

@@ -18,6 +18,7 @@ from semcal_cli.errors import InputError, SemcalError, first_of, os_reason
 from semcal_cli.readable import for_people, signed
 
 if TYPE_CHECKING:
+    from semcal_cli.many.rig.rig_verification import RigVerdict
     from semcal_cli.pipeline.verdict import AxisVerdict, Verdict
 
 NO_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
@@ -26,21 +27,13 @@ NO_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 GITHUB_ACTIONS, GITHUB_STEP_SUMMARY = "GITHUB_ACTIONS", "GITHUB_STEP_SUMMARY"
 """Environment variables of a GitHub job: `true`, and the file of the job summary."""
 XML_START = b"<?xml"
-CaseVerdict: TypeAlias = "Verdict | Literal['failed']"
-"""Verdict on a case; `failed` if an error leaves it without one."""
 EXIT_CODES: dict[Verdict, int] = {"pass": 0, "fail": 3, "inconclusive": 4}
-EXIT_FAILED = 1
 Inconclusive: TypeAlias = Literal["error", "fail", "skip"]
 """How CI counts an inconclusive verdict: as an error (exit code 4), a failure (3), or skipped (0)."""
 INCONCLUSIVE_CODES: dict[Inconclusive, int] = {"error": 4, "fail": 3, "skip": 0}
 ELEMENTS: dict[Inconclusive, str] = {"error": "error", "fail": "failure", "skip": "skipped"}
 AnnotationLevel: TypeAlias = Literal["notice", "warning", "error"]
-LEVELS: dict[CaseVerdict, AnnotationLevel] = {
-    "pass": "notice",
-    "fail": "error",
-    "inconclusive": "warning",
-    "failed": "error",
-}
+LEVELS: dict[Verdict, AnnotationLevel] = {"pass": "notice", "fail": "error", "inconclusive": "warning"}
 MAX_CASES = 20
 """Largest number of cases that an annotation names; the files list all."""
 
@@ -50,7 +43,7 @@ class Case:
     """A test case for CI, made from one check."""
 
     name: str
-    verdict: CaseVerdict
+    verdict: RigVerdict
     figures: str
     """What was found, and what was allowed."""
 
@@ -70,7 +63,7 @@ class CiReport:
     """Name of the command."""
     subject: str
     """What was judged: the drive, or the folder of results."""
-    verdict: CaseVerdict
+    verdict: RigVerdict
     cases: Sequence[Case]
     reasons: Sequence[str] = ()
     """Sentences about all cases together."""
@@ -83,13 +76,13 @@ class CiReport:
     @property
     def exit_code(self) -> int:
         """The exit code of the verdict."""
-        if self.verdict == "failed":
-            return EXIT_FAILED
-        return (EXIT_CODES | {"inconclusive": INCONCLUSIVE_CODES[self.inconclusive]})[self.verdict]
+        if self.verdict == "inconclusive":
+            return INCONCLUSIVE_CODES[self.inconclusive]
+        return 1 if self.verdict == "failed" else EXIT_CODES[self.verdict]
 
     def junit(self) -> str:
         """Make JUnit XML with a test case for each check, and the reasons with their entries as the suite's output."""
-        elements: dict[CaseVerdict, str] = {
+        elements: dict[RigVerdict, str] = {
             "fail": "failure",
             "inconclusive": ELEMENTS[self.inconclusive],
             "failed": "error",

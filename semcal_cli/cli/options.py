@@ -200,11 +200,6 @@ class EstimateSettings(RunSettings):
         "Take options from a YAML file, too. What is typed comes first.", "--config", metavar="FILE"
     )
 
-    @property
-    def has_chosen_frames(self) -> bool:
-        """Whether some frames are chosen or left out."""
-        return self.frames is not None or bool(self.exclude)
-
     def read_drive(self) -> Drive:
         """Read the drive, with the chosen frames.
 

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
     from semcal_cli.many.rig.adjustment_document import Adjustment
     from semcal_cli.many.rig.rig_pair import RigPair
+    from semcal_cli.many.rig.rig_result import RigTransforms
     from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor
 
 OF_ONE_CAMERA = (
@@ -83,13 +84,15 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     page, result = settings.page, folder / f"{RESULT}.yaml"
     drives = rig.read_drives(settings.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
+    given = None if settings.init is None else transforms_of(rig, drives, settings.init)
     with _made(folder):
         check_page(page)
         read = [rig.path, *(file for drive in drives.values() for file in files_read(drive))]
+        read += [] if given is None else given.paths
         check_outputs(read, *(camera.output for camera in outputs.values()), result, settings.log, page)
         for name, drive in drives.items():
             outputs[name].check(drive)
-        starts = _choose_starts(rig, drives, settings)
+        starts = _choose_starts(rig, drives, settings, given)
     set_num_threads(settings.threads)
     sweeps, hashes, config = SweepCache(), dict[str, str](), settings.config
 
@@ -175,20 +178,25 @@ def _moved(
 
 
 def _choose_starts(
-    rig: Rig, drives: Mapping[str, Drive], settings: CalibrateSettings
+    rig: Rig, drives: Mapping[str, Drive], settings: CalibrateSettings, given: RigTransforms | None
 ) -> dict[str, CalibrateSettings | NoStartError]:
     """Choose the start of each camera, and print it.
 
     Raises:
-        InputError: no camera has one, or the file of all is wrong.
+        InputError: no camera has one, or a given one is wrong or that of two cameras.
     """
     starts: dict[str, CalibrateSettings | NoStartError] = {}
     terminal = settings.terminal()
-    files = dict[str, Path]() if settings.init is None else _given_starts(rig, settings)
+    files = {} if given is None else given.files
+    cameras = {
+        name: replace(settings, drive=drive.path, init=files.get(name)) for name, drive in drives.items()
+    }
+    if given is not None:
+        poses = {name: camera.initial_pose for name, camera in cameras.items()}
+        check_one_each(rig, given, {name: pose.T_camera_lidar for name, pose in poses.items() if pose})
     for name, drive in drives.items():
         try:
-            of_camera = replace(settings, drive=drive.path, init=files.get(name))
-            starts[name], sentence = choose_start(of_camera, drive)
+            starts[name], sentence = choose_start(cameras[name], drive)
             terminal.print(labelled("start", f"{name}: {sentence}"))
         except NoStartError as error:
             starts[name] = error
@@ -200,23 +208,6 @@ def _choose_starts(
             "cityscapes -o DRIVE`)"
         )
     return starts
-
-
-def _given_starts(rig: Rig, settings: CalibrateSettings) -> dict[str, Path]:
-    """Find the file of the start of each camera: a file of all sensors, or the results of a rig.
-
-    Raises:
-        InputError: a file is missing or wrong, or states one transform for two cameras.
-    """
-    transforms = transforms_of(rig, settings.init, settings.max_points)
-    folder, views = rig.path.parent, rig.views
-    cameras = {
-        name: replace(settings, drive=folder / views[name].drive, init=file)
-        for name, file in transforms.files.items()
-    }
-    poses = {name: camera.initial_pose for name, camera in cameras.items()}
-    check_one_each(rig, transforms, {name: pose.T_camera_lidar for name, pose in poses.items() if pose})
-    return transforms.files
 
 
 @contextmanager

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +26,7 @@ from semcal_cli.config import (
     Zoom,
 )
 from semcal_cli.config.directions import Direction
-from semcal_cli.errors import InputError, check_torch
+from semcal_cli.errors import ChoiceError, InputError, check_torch
 from semcal_cli.files.output_files import descriptor
 
 if TYPE_CHECKING:
@@ -90,6 +91,20 @@ def read_initial_pose(
         direction=direction,
         record=extrinsic.record,
     )
+
+
+@contextmanager
+def as_far_as_named(drive: Path) -> Iterator[None]:
+    """Leave open which sensors of a file are meant, where only a drive that is made later names them."""
+    from semcal_cli.drive.document import drive_file
+    from semcal_cli.files.documents import FORMATS
+
+    try:
+        yield
+    except ChoiceError:
+        file = drive_file(drive)
+        if file.suffix.lower() in FORMATS and file.is_file():
+            raise
 
 
 @dataclass(frozen=True, kw_only=True)

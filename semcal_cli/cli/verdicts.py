@@ -7,10 +7,10 @@ from dataclasses import replace
 import click
 
 from semcal_cli.checks import precedence
-from semcal_cli.cli.ci import Case, CaseVerdict
+from semcal_cli.cli.ci import Case
 from semcal_cli.cli.tables import shown_reasons, verdict_line, wrapped
 from semcal_cli.cli.terminal import COLORS, make_console
-from semcal_cli.many.rig.rig_verification import RigVerification
+from semcal_cli.many.rig.rig_verification import RigVerdict, RigVerification
 from semcal_cli.pipeline.verdict import AxisVerdict, overall_offsets
 from semcal_cli.pipeline.verification import Verification
 from semcal_cli.readable import for_people
@@ -76,7 +76,7 @@ def _print_rig(rig: RigVerification, *, verbose: bool) -> None:
     _print_verdict(rig.verdict, rig.deciding)
 
 
-def _print_verdict(verdict: CaseVerdict, decisive: str) -> None:
+def _print_verdict(verdict: RigVerdict, decisive: str) -> None:
     console = make_console(stderr=False)
     console.print(verdict_line(verdict, decisive), style=COLORS[verdict], markup=False)
 

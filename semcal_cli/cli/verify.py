@@ -24,7 +24,7 @@ from semcal_cli.cli.options import (
 )
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, none_of, refuse
 from semcal_cli.cli.settings import argument, command, option, output_file, setting_of
-from semcal_cli.cli.stage_options import read_initial_pose
+from semcal_cli.cli.stage_options import as_far_as_named, read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.config.directions import Direction
 from semcal_cli.errors import CalibrationError, InputError, MisplacedError, SemcalError, shell
@@ -119,7 +119,8 @@ class VerifySettings(LimitSettings, RecordingSettings, EstimateSettings):
         if (source := recognise(self.calibration)) is not None:
             raise MisplacedError(f"{self.calibration}: found {source.name}, expected a calibration")
         if not of_rig:
-            _ = self.initial_pose
+            with as_far_as_named(self.drive):
+                _ = self.initial_pose
 
 
 OF_ONE_CAMERA = ("--direction", "--report", "--frames", "--exclude")
@@ -226,7 +227,7 @@ def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
     from semcal_cli.many.rig.rig_verification import RigVerification
 
     refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(rig.path))
-    transforms = transforms_of(rig, settings.calibration, settings.max_points)
+    transforms = transforms_of(rig, rig.read_drives(settings.max_points), settings.calibration)
     files, failures, read = transforms
     check_outputs(read, settings.junit)
     images = {name: None if settings.images is None else settings.images / name for name in files}

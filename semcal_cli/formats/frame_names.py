@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from semcal_cli.drive.frame_ids import FrameIds
-from semcal_cli.errors import InputError, listed
+from semcal_cli.errors import ChoiceError, InputError, listed
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import OPTICAL_AXES, inverse
@@ -70,7 +70,7 @@ def camera_and_lidar(
         if name is None and len(candidates) == 1 and not has_word(candidates[0], other_words):
             name = candidates[0]
         if name is None or name not in names:
-            raise InputError(
+            raise ChoiceError(
                 f"{where}: found {kind} {listed(names)}; add {options.prefix}{side} to name {needed}"
             )
         pair.append(name)

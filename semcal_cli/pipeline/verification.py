@@ -124,7 +124,7 @@ class Verification:
             return MISREAD
         if self.has_moved and self.verdict == "inconclusive" and not self.is_reasoned:
             return MOVED
-        is_clock_alone = self._of_transform == "pass" and {*self.topics} <= {CLOCKS}
+        is_clock_alone = self.of_transform == "pass" and {*self.topics} <= {CLOCKS}
         sentence = (
             OF_CLOCK.get(self.verdict, SENTENCES[self.verdict]) if is_clock_alone else SENTENCES[self.verdict]
         )
@@ -133,14 +133,14 @@ class Verification:
         return f"{sentence} It would pass with {' '.join(limits)}." if limits else sentence
 
     @property
-    def _of_transform(self) -> Verdict:
+    def of_transform(self) -> Verdict:
         """Verdict on all checks but that of the clock."""
         return together(check.verdict for check in self.checks if check.name != CLOCK)
 
     @property
     def is_off(self) -> bool:
         """Whether the transform itself is beyond its limits, and does not look misread."""
-        return self._of_transform == "fail" and LOOKS_LIKE not in self.topics
+        return self.of_transform == "fail" and LOOKS_LIKE not in self.topics
 
     @property
     def is_reasoned(self) -> bool:

@@ -85,9 +85,10 @@ def _camera(calibration: Node, image: Path) -> dict[str, Any]:
 
 def _mounting(node: Node) -> Pose:
     """Read T_lidar_camera (4, 4), metres."""
-    if not isinstance(node.value, list) or len(node.value) != 4:
+    rows = node.rows(4)
+    if len(rows) != 4:
         raise node.mismatch("4 rows of 4 numbers")
-    return from_rows(node.where, [node.child(index, row).numbers(4) for index, row in enumerate(node.value)])
+    return from_rows(node.where, rows)
 
 
 def _read_poses(frames: Node) -> dict[int, Pose]:

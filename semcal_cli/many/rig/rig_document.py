@@ -15,7 +15,7 @@ from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.file_limits import MAX_CAMERAS
 from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import describe, mismatch, one_of
-from semcal_cli.files.documents import FORMATS as DOCUMENTS, read_document
+from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder, read_bytes
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, length, validate
 from semcal_cli.geometry.arrays import Numbers, Pose
@@ -281,7 +281,7 @@ def find_rig(path: Path) -> Rig | None:
         file = path / RIG_FILE
         return read_rig(file) if file.exists() and not (path / DRIVE_FILE).exists() else None
     # A file without the key is not parsed, which would take time for a long drive.
-    if path.suffix.lower() not in DOCUMENTS or RIG.encode() not in read_bytes(path):
+    if RIG.encode() not in read_bytes(path):
         return None
     document = read_document(path)
     return _rig_of(document, path) if RIG in document else None

@@ -46,9 +46,9 @@ class Difference(StrictModel):
     """Difference of a tie from what other ties say."""
 
     rotation_deg: Width
-    """Angle by which the two differ, in degrees."""
+    """Angle that is left between the transform and what the others say, in degrees."""
     distance_m: Width
-    """Distance between the two positions of the first sensor in the frame of the second, in metres."""
+    """Distance that is left between the positions that they give the first sensor, in metres."""
     chi_square: Width
     """Squared difference of all six axes in units of its covariance."""
     largest: Width

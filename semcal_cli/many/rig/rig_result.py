@@ -172,19 +172,18 @@ class RigTransforms(NamedTuple):
     """All files of the rig and of its transforms."""
 
 
-def transforms_of(rig: Rig, result: Path | None, max_points: int = MAX_POINTS) -> RigTransforms:
+def transforms_of(rig: Rig, drives: Mapping[str, Drive], result: Path | None) -> RigTransforms:
     """Find the file that states the transform of each camera with each LiDAR.
 
     Args:
         rig: The rig.
+        drives: Drive of each of its cameras.
         result: Document of its result, the folder that `semcal calibrate` wrote, or another file that names the frames
             of all sensors, such as a URDF; None takes what the drives state.
-        max_points: Points of the largest sweep that is read.
 
     Raises:
         InputError: a file is missing or wrong, the result is from another rig, or a drive states no transform.
     """
-    drives = rig.read_drives(max_points)
     paths = [rig.path, *_files_of(drives)]
     if result is None:
         missing = [name for name, drive in drives.items() if drive.T_camera_lidar is None]

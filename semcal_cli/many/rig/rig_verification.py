@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from semcal_cli import core
 from semcal_cli.errors import counted
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile, overall_width
 from semcal_cli.findings.symptoms import MOVED_SENSOR
@@ -19,9 +20,10 @@ from semcal_cli.many.rig.rig_document import LidarView
 from semcal_cli.pipeline.verdict import Verdict, together
 from semcal_cli.pipeline.verification import Verification
 from semcal_cli.readable import figure
-from semcal_cli.result.uncertainty import NORMAL_95
 
 RigVerdict: TypeAlias = Verdict | Literal["failed"]
+"""Verdict on a rig, or on a case; `failed` if an error leaves it without one."""
+SensorKind: TypeAlias = Literal["camera", "lidar", "only_lidar"]
 CHANCE = 0.05
 """Probability that displacements of one sensor differ as much by chance, below which they are not of one."""
 
@@ -30,23 +32,25 @@ class MovedSensor(NamedTuple):
     """A sensor whose displacement explains why exactly its own transforms fail."""
 
     name: str
-    """Name of the sensor; empty for the only LiDAR of a rig."""
-    is_camera: bool
+    kind: SensorKind
     T_stated_found: Pose
     """(4, 4) p_stated = T_stated_found * p_found, between where the transforms place the sensor and where it is."""
     covariance: Matrix
     """(6, 6) of a twist on the left of this transform, metres and radians."""
+    degrees_of_freedom: float
+    """Smallest number of degrees of freedom of what it was combined of."""
 
     @property
     def sentence(self) -> str:
         """What has moved by how much, and what to do."""
-        half_widths = NORMAL_95 * np.sqrt(np.diag(self.covariance))
+        quantile = core.student_quantile(0.975, self.degrees_of_freedom)
+        half_widths = quantile * np.sqrt(np.diag(self.covariance))
         turned_deg, widths_deg = rotation_vector_deg(self.T_stated_found), np.degrees(half_widths[3:])
         moved = _with_interval(100.0 * self.T_stated_found[:3, 3], 100.0 * half_widths[:3])
         by = f"{moved} cm and {_with_interval(turned_deg, widths_deg)} degrees"
-        if self.is_camera:
+        if self.kind == "camera":
             return f"{self.name} is off with each of its LiDARs as if it had moved by {by}: look at its mount"
-        if self.name:
+        if self.kind == "lidar":
             return (
                 f"the cameras of {self.name} are off as if this LiDAR had moved by {by}: look at its mount, and at the "
                 "frame of its points"
@@ -118,10 +122,11 @@ class RigVerification:
     def moved_sensors(self) -> tuple[MovedSensor, ...]:
         """The one sensor whose displacement explains all transforms that fail, if there is one.
 
-        Several of its transforms, all of them, and no others fail, and the displacements that they show differ by no
+        Several of its transforms, all of them, fail, all others pass, and the displacements that they show differ by no
         more than chance. With one LiDAR, its displacement and that of all cameras together look alike.
         """
         off = {name for name, verification in self.verifications.items() if verification.is_off}
+        holding = {name for name, found in self.verifications.items() if found.of_transform == "pass"}
         lidars = {view.lidar for view in self.views.values()}
         sensors = [
             *((camera, True) for camera in dict.fromkeys(view.camera for view in self.views.values())),
@@ -129,16 +134,19 @@ class RigVerification:
         ]
         for sensor, is_camera in sensors:
             own = [name for name, view in self.views.items() if sensor == view[0 if is_camera else 1]]
-            if len(own) > 1 and off == {*own} and (found := self._displacement(own, of_camera=is_camera)):
-                name = sensor if is_camera or len(lidars) > 1 else ""
-                return (MovedSensor(name, is_camera, *found),)
+            if len(own) < 2 or off != {*own} or off | holding != self.views.keys():
+                continue
+            if (displacement := self._displacement(own, of_camera=is_camera)) is not None:
+                kind: SensorKind = "camera" if is_camera else "lidar" if len(lidars) > 1 else "only_lidar"
+                return (MovedSensor(sensor, kind, *displacement),)
         return ()
 
-    def _displacement(self, names: list[str], *, of_camera: bool) -> tuple[Pose, Matrix] | None:
+    def _displacement(self, names: list[str], *, of_camera: bool) -> tuple[Pose, Matrix, float] | None:
         """Combine what transforms say of the displacement of their common sensor, weighted by their covariances.
 
         Returns:
-            T_stated_found (4, 4) of the sensor and its covariance (6, 6); None if they differ by more than chance.
+            T_stated_found (4, 4) of the sensor, its covariance (6, 6) and degrees of freedom; None if they differ by
+            more than chance.
         """
         shown, information, freedom = [], [], np.inf
         for name in names:
@@ -156,7 +164,7 @@ class RigVerification:
         chi_square = float(np.einsum("ni,nij,nj->", twists - mean, information, twists - mean))
         if chi_square > joint_quantile(CHANCE, freedom, len(names) - 1):
             return None
-        return pose_at(shown[0], mean), covariance
+        return pose_at(shown[0], mean), covariance, freedom
 
     @property
     def document(self) -> dict[str, Any]:
@@ -164,12 +172,16 @@ class RigVerification:
         failed = {name: {"verdict": "failed", "reasons": [reason]} for name, reason in self.failures.items()}
         return {
             "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "topics": list(self.topics),
             "transforms": {name: found.document for name, found in self.verifications.items()} | failed,
             "moved_sensors": [
                 {
                     "sensor": moved.name,
+                    "kind": moved.kind,
                     "T_stated_found": moved.T_stated_found.tolist(),
                     "covariance": moved.covariance.tolist(),
+                    "degrees_of_freedom": moved.degrees_of_freedom,
                 }
                 for moved in self.moved_sensors
             ],
