@@ -217,7 +217,11 @@ CAM = "calib.cam01"
     [
         (("calib",), [], "calib: found a list of 0, expected a mapping"),
         (("calib", "cam01"), None, f"{CAM}: found nothing, expected a value"),
-        (("calib", "cam01", "cam_to_velo"), [[1.0]], f"{CAM}.cam_to_velo: found a list of 1, needed 4 rows"),
+        (
+            ("calib", "cam01", "cam_to_velo"),
+            [[1.0] * 4],
+            f"{CAM}.cam_to_velo: found a list of 1, needed 4 rows",
+        ),
         (("calib", "cam01", "cam_to_velo"), [[1.0]] * 4, f"{CAM}.cam_to_velo[0]: found a list of 1, needed"),
         (("calib", "cam01", "cam_to_velo"), np.diag([2.0, 2.0, 2.0, 1.0]).tolist(), f"{CAM}.cam_to_velo: "),
         (("calib", "cam01", "cam_to_velo", 0, 3), float("inf"), "found Infinity, expected a finite number"),
