@@ -177,11 +177,10 @@ class CalibrateSettings(
         """
         is_rig = False
         if self.init is not None and self.drive.exists():
-            from semcal_cli.importing.recognition import recognise
             from semcal_cli.many.rig.rig_document import find_rig
 
             # The starts of a rig are read with its drives.
-            is_rig = recognise(self.drive) is None and find_rig(self.drive) is not None
+            is_rig = find_rig(self.drive) is not None
         if not is_rig:
             with as_far_as_named(self.drive):
                 _ = self.initial_pose, self.priors

@@ -148,14 +148,12 @@ def verify(settings: VerifySettings) -> None:
     from semcal_cli.cli.given_source import temporary_drive
     from semcal_cli.cli.verdicts import cases_of, print_any
     from semcal_cli.files.output_files import write_text
-    from semcal_cli.importing.recognition import recognise
     from semcal_cli.many.rig.rig_document import find_rig
 
     start, read = perf_counter(), [*filter(None, (settings.drive, settings.calibration))]
     subject = ", ".join(map(str, read))
     with errors_reported("verify", subject, settings.junit, read):
-        is_drive = settings.drive.exists() and recognise(settings.drive) is None
-        rig = find_rig(settings.drive) if is_drive else None
+        rig = find_rig(settings.drive) if settings.drive.exists() else None
         settings.check(of_rig=rig is not None)
         outputs = settings.junit, settings.page
         with temporary_drive(settings.drive, settings, settings.terminal(), *outputs) as drive:

@@ -20,6 +20,7 @@ from semcal_cli.files.input_files import is_folder, read_bytes
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, length, validate
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.geometry.poses import inverse, nearest_rigid
+from semcal_cli.importing.recognition import recognise
 from semcal_cli.many.rig.shared_clouds import (
     check_cameras,
     check_distinct_drives,
@@ -272,7 +273,7 @@ def find_rig(path: Path) -> Rig | None:
         path: A file, or a folder with a rig.yaml and no drive.yaml.
 
     Returns:
-        The rig; None if the path names a drive.
+        The rig; None if the path names a drive, a recording or a data set.
 
     Raises:
         InputError: the file does not exist or is wrong.
@@ -280,8 +281,8 @@ def find_rig(path: Path) -> Rig | None:
     if is_folder(path):
         file = path / RIG_FILE
         return read_rig(file) if file.exists() and not (path / DRIVE_FILE).exists() else None
-    # A file without the key is not parsed, which would take time for a long drive.
-    if RIG.encode() not in read_bytes(path):
+    # A recording is not read, and a file without the key is not parsed, which would take time for a long drive.
+    if recognise(path) is not None or RIG.encode() not in read_bytes(path):
         return None
     document = read_document(path)
     return _rig_of(document, path) if RIG in document else None

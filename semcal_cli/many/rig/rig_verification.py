@@ -127,6 +127,8 @@ class RigVerification:
         """
         off = {name for name, verification in self.verifications.items() if verification.is_off}
         holding = {name for name, found in self.verifications.items() if found.of_transform == "pass"}
+        if off | holding != self.views.keys():
+            return ()
         lidars = {view.lidar for view in self.views.values()}
         sensors = [
             *((camera, True) for camera in dict.fromkeys(view.camera for view in self.views.values())),
@@ -134,7 +136,7 @@ class RigVerification:
         ]
         for sensor, is_camera in sensors:
             own = [name for name, view in self.views.items() if sensor == view[0 if is_camera else 1]]
-            if len(own) < 2 or off != {*own} or off | holding != self.views.keys():
+            if len(own) < 2 or off != {*own}:
                 continue
             if (displacement := self._displacement(own, of_camera=is_camera)) is not None:
                 kind: SensorKind = "camera" if is_camera else "lidar" if len(lidars) > 1 else "only_lidar"
