@@ -26,6 +26,7 @@ WITH_OPENCV = {
     "checks/scale",
     "experiments/soic",
     "estimation/uncertainty/covariance",
+    "many/rig/image_matching",
     "report",
 }
 WITH_SCIPY = {"fleet/consensus"}

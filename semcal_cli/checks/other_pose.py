@@ -6,6 +6,8 @@ wrong pose they are about as high as its own; around the right one they are lowe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from semcal_cli import core
@@ -72,6 +74,7 @@ def check_rivals(
     uncertainty: Uncertainty | None,
     *,
     with_priors: bool = False,
+    known: Sequence[Pose] = (),
 ) -> tuple[Measured, ...]:
     """Check that no other pose within reach explains the observations nearly as well.
 
@@ -85,16 +88,9 @@ def check_rivals(
         T_camera_lidar: (4, 4) pose, metres.
         uncertainty: Uncertainty of the pose; None if it is not determined, and only what is far is a rival.
         with_priors: Whether the pose is fused with priors.
+        known: (4, 4) rivals that are known beforehand; no others are then searched for.
     """
-    has_one_maximum = with_priors or len(set(observations.scenes)) >= FEW_SCENES.limit()
-    if not observations.is_multimodal and has_one_maximum:
-        return ()
-    rivals, near = _maxima(observations, T_camera_lidar)
-    if uncertainty is not None:
-        for start in _beside(T_camera_lidar) if observations.is_multimodal else near:
-            T_near = newton(observations, start, PolishConfig()).T_camera_lidar
-            if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
-                rivals.append(T_near)
+    rivals = [*known] or _rivals(observations, T_camera_lidar, uncertainty, with_priors=with_priors)
     if not rivals:
         return ()
     sigmas = sigmas_behind(observations, T_camera_lidar, rivals)
@@ -105,6 +101,22 @@ def check_rivals(
         f"{describe_rival_fit(behind, OTHER_POSE.limit(), 1)}"
     )
     return (OTHER_POSE.measured(behind, sentence),)
+
+
+def _rivals(
+    observations: Observations, T_camera_lidar: Pose, uncertainty: Uncertainty | None, *, with_priors: bool
+) -> list[Pose]:
+    """Search for rivals of a pose (4, 4)."""
+    has_one_maximum = with_priors or len(set(observations.scenes)) >= FEW_SCENES.limit()
+    if not observations.is_multimodal and has_one_maximum:
+        return []
+    rivals, near = _maxima(observations, T_camera_lidar)
+    if uncertainty is not None:
+        for start in _beside(T_camera_lidar) if observations.is_multimodal else near:
+            T_near = newton(observations, start, PolishConfig()).T_camera_lidar
+            if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
+                rivals.append(T_near)
+    return rivals
 
 
 def _beside(T_camera_lidar: Pose) -> list[Pose]:

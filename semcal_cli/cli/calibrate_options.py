@@ -30,6 +30,7 @@ from semcal_cli.errors import check_torch
 if TYPE_CHECKING:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.config.paper_config import PaperConfig
+    from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.result.calibration_document import CalibrationDocument
 
 DEFAULT_OUTPUT = Path("calibration.yaml")
@@ -255,9 +256,13 @@ class CalibrateSettings(
         outputs = replace(Outputs.of_result(self), to=to, page=self.page, images=self.images)
         return replace(outputs, replaces_any=self.force or to is not None)
 
-    def calibration(self) -> Callable[..., CalibrationDocument]:
-        """Choose the function that calibrates a drive by the chosen method, with all settings."""
-        start: dict[str, Any] = {"config": self.config, "initial_pose": self.initial_pose}
+    def calibration(self, initial_pose: InitialPose | None = None) -> Callable[..., CalibrationDocument]:
+        """Choose the function that calibrates a drive by the chosen method, with all settings.
+
+        Args:
+            initial_pose: Pose to start from, in place of the one that is given.
+        """
+        start: dict[str, Any] = {"config": self.config, "initial_pose": initial_pose or self.initial_pose}
         if (paper := self.paper) is not None:
             from semcal_cli.pipeline.paper import calibrate_as_published
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
 from semcal_cli.cli.jobs import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
@@ -25,16 +24,15 @@ from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.many.rig.adjusted_calibration import STAGE, adjusted_calibration
-from semcal_cli.many.rig.adjustment import adjust
-from semcal_cli.many.rig.further_lidar import LidarCalibration, assess_lidar, first_cameras, measure_lidars
+from semcal_cli.many.rig.adjusted_calibration import STAGE
+from semcal_cli.many.rig.further_lidar import LidarCalibration
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
+from semcal_cli.many.rig.rig_data import RigData
 from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.many.rig.rig_page import rig_page_html
 from semcal_cli.many.rig.rig_result import check_one_each, transforms_of
+from semcal_cli.many.rig.rig_search import RigImages
 from semcal_cli.many.rig.sweep_registration import check_registration
-from semcal_cli.observations.loading import load
-from semcal_cli.observations.skew import Skew
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 from semcal_cli.result.provenance import hash_files
@@ -44,12 +42,10 @@ from semcal_cli.threads import set_num_threads
 if TYPE_CHECKING:
     from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.config import CalibrationConfig
     from semcal_cli.drive.document import Drive
-    from semcal_cli.many.rig.adjustment_document import Adjustment
+    from semcal_cli.many.rig.matched_images import ComparedImages
     from semcal_cli.many.rig.rig_pair import RigPair
     from semcal_cli.many.rig.rig_result import RigTransforms
-    from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor
 
 OF_ONE_CAMERA = (
     *("--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
@@ -94,25 +90,30 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
             outputs[name].check(drive)
         starts = _choose_starts(rig, drives, settings, given)
     set_num_threads(settings.threads)
-    sweeps, hashes, config = SweepCache(), dict[str, str](), settings.config
+    hashes, data = dict[str, str](), RigData(rig, drives, settings.config, SweepCache())
+    if rig.match_images:
+        RigImages.check(data)
 
     def run(name: str, on_event: Listener) -> CalibrationDocument:
         started = starts[name]
         if isinstance(started, NoStartError):
             raise started
-        data = load(drives[name], config, on_event, sweeps)
-        calibration = started.calibration()(data, on_event=on_event)
-        return outputs[name].with_provenance(calibration, data, started.initial_pose, hashes)
+        loaded = data.load(name, on_event)
+        calibration = started.calibration()(loaded, on_event=on_event)
+        return outputs[name].with_provenance(calibration, loaded, started.initial_pose, hashes)
 
     jobs = [Job(name, partial(run, name), outputs[name], settings.terminal()) for name in drives]
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
         raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
-    adjustment, lidars = _adjust(rig, drives, cameras, config, sweeps)
+    images = _match_images(data, cameras, settings, jobs, hashes) if rig.match_images else None
+    adjustment, lidars = data.adjusted(cameras)
     for name in cameras:
         if STAGE in cameras[name].stages:
             write_calibration(cameras[name], folder / f"{name}.yaml")
-    result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different, adjustment, lidars)
+    result_of_rig = combine(
+        rig, drives, cameras, failures, data.sweeps.num_different, adjustment, lidars, images
+    )
     _write(result_of_rig, rig, drives, result, hashes)
     if settings.log is not None:
         logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
@@ -130,51 +131,44 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     return exit_code(result_of_rig)
 
 
-def _adjust(
-    rig: Rig,
-    drives: Mapping[str, Drive],
+def _match_images(
+    data: RigData,
     cameras: dict[str, CalibrationDocument],
-    config: CalibrationConfig,
-    sweeps: SweepCache,
-) -> tuple[Adjustment | None, tuple[LidarCalibration, ...]]:
-    """Make one estimate of all sensors, and replace the calibrations with the first LiDAR that it moves.
+    settings: CalibrateSettings,
+    jobs: Sequence[Job],
+    hashes: dict[str, str],
+) -> tuple[ComparedImages, ...]:
+    """Compare cameras with their images, and calibrate those that these contradict again.
 
     Args:
-        rig: The rig.
-        drives: Drive of each camera with each LiDAR.
-        cameras: Calibration of each that has one.
-        config: Settings of the calibrations.
-        sweeps: Sweeps that were read before.
+        data: The rig.
+        cameras: Calibration of each camera that has one. Those made again are replaced; one that fails then stays.
+        settings: Settings of the command.
+        jobs: Job of each camera.
+        hashes: SHA-256 by the real paths of files; new ones are added.
 
     Returns:
-        What the sensors say together, None without constraints and further LiDARs; and the further LiDARs.
+        What images show of each two cameras, beside their calibrations.
+
+    Raises:
+        InputError: a file is missing or wrong.
     """
-    if not rig.constraints and not rig.lidars:
-        return None, ()
-    measured = measure_lidars(rig, cameras, drives, sweeps)
-    first, by = first_cameras(rig, cameras), "the other measurements" if rig.lidars else "constraints"
-    adjustment, sensors = adjust(first, rig.constraints, measured.ties, rig.lidars)
-    lidars = tuple(
-        assess_lidar(name, rig, drives, cameras, adjustment, sensors, measured) for name in rig.lidars
-    )
-    for name in first:
-        if name in sensors and not np.array_equal(sensors[name].pose, cameras[name].pose):
-            cameras[name] = _moved(cameras[name], drives[name], sensors[name], by, config, sweeps)
-    return adjustment, lidars
+    with settings.terminal() as terminal:
+        terminal.show("matching images")
+        images = RigImages(data, cameras)
+        placed = images.elsewhere()
+    outputs = {job.name: job.outputs for job in jobs}
 
+    def run(name: str, on_event: Listener) -> CalibrationDocument:
+        loaded = images.load_near(name, on_event)
+        calibration = images.judged(name, settings.calibration(placed[name])(loaded, on_event=on_event))
+        return outputs[name].with_provenance(calibration, loaded, placed[name], hashes)
 
-def _moved(
-    calibration: CalibrationDocument,
-    drive: Drive,
-    sensor: AdjustedSensor,
-    by: str,
-    config: CalibrationConfig,
-    sweeps: SweepCache,
-) -> CalibrationDocument:
-    """Return the calibration of a camera at its adjusted pose, with a note that says what moved it."""
-    data = load(calibration.applied_to(drive), config, sweeps=sweeps).unrolled(sensor.pose)
-    seen = Skew.undone(data.observations, data.drive, sensor.pose, calibration.deskewed_m_s)
-    return adjusted_calibration(calibration, seen, sensor, by)
+    again = [
+        Job(job.name, partial(run, job.name), job.outputs, job.terminal) for job in jobs if job.name in placed
+    ]
+    cameras |= calibrate_each(again, settings.threads)[0]
+    return images.compared(cameras)
 
 
 def _choose_starts(
@@ -259,6 +253,7 @@ def _lines(calibration: RigCalibration, result: Path) -> list[str]:
         *(line for pair in calibration.pairs for line in _pair_lines(pair)),
         *(line for lidar in calibration.lidars for line in _lidar_lines(lidar)),
         *(line for loop in calibration.loops for line in wrapped("loop", loop.sentence)),
+        *(line for shown in calibration.images or () for line in wrapped("images", shown.sentence)),
         labelled("sweeps", f"{calibration.num_sweeps:,} for {num_frames:,} frames"),
         *(line for note in calibration.notes for line in wrapped("note", note)),
         labelled("written to", str(result)),

@@ -13,6 +13,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.many.rig.adjustment_document import Adjustment, ComparedConstraint, LoopClosure
 from semcal_cli.many.rig.further_lidar import LidarCalibration, first_cameras
+from semcal_cli.many.rig.matched_images import ComparedImages
 from semcal_cli.many.rig.rig_document import Rig
 from semcal_cli.many.rig.rig_pair import Reference, RigPair, make_pair
 from semcal_cli.result.calibration_document import CalibrationDocument, Status
@@ -37,6 +38,8 @@ class RigCalibration:
     """What all sensors and the ties between them say together; None without constraints and further LiDARs."""
     lidars: tuple[LidarCalibration, ...] = ()
     """The further LiDARs."""
+    images: tuple[ComparedImages, ...] | None = None
+    """What overlapping images show of two cameras; None unless the rig asks for that."""
 
     @property
     def first_cameras(self) -> dict[str, CalibrationDocument]:
@@ -60,6 +63,16 @@ class RigCalibration:
         return () if self.adjustment is None else self.adjustment.contradictions
 
     @property
+    def contradicted_images(self) -> tuple[ComparedImages, ...]:
+        """What images show of two cameras whose calibrations contradict it, though nothing else speaks against them."""
+        return tuple(
+            shown
+            for shown in self.images or ()
+            if shown.is_contradicted
+            and all(self.cameras[name].is_believed for name in (shown.to, shown.source))
+        )
+
+    @property
     def loops(self) -> tuple[LoopClosure, ...]:
         """Closures of the loops of a rig of several LiDARs."""
         return () if self.adjustment is None or not self.lidars else self.adjustment.loops
@@ -71,12 +84,16 @@ class RigCalibration:
             return "failed"
         statuses = [calibration.status for calibration in self.cameras.values()]
         statuses += [lidar.status for lidar in self.lidars]
-        return min([*statuses, *(["not_trusted"] if self.contradictions else [])], key=WORST_FIRST.index)
+        is_contradicted = self.contradictions or self.contradicted_images
+        return min([*statuses, *(["not_trusted"] if is_contradicted else [])], key=WORST_FIRST.index)
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """What speaks against the transforms between sensors: wrong ties, and LiDARs that are not known well."""
-        contradictions = tuple(constraint.reason for constraint in self.contradictions)
+        contradictions = (
+            *(constraint.reason for constraint in self.contradictions),
+            *(shown.reason for shown in self.contradicted_images),
+        )
         of_lidars = ((lidar.name, reason) for lidar in self.lidars for reason in lidar.reasons)
         return contradictions + tuple(
             f"{name}: {reason}" for name, reason in of_lidars if reason not in contradictions
@@ -111,6 +128,8 @@ class RigCalibration:
             for to, source in skipped
         ]
         notes += [f"{lidar.name}: {note}" for lidar in self.lidars for note in lidar.notes]
+        if self.images == ():
+            notes.append("match_images found no two cameras whose images show enough of the same features")
         return tuple(notes)
 
 
@@ -122,6 +141,7 @@ def combine(
     num_sweeps: int,
     adjustment: Adjustment | None = None,
     lidars: tuple[LidarCalibration, ...] = (),
+    images: tuple[ComparedImages, ...] | None = None,
 ) -> RigCalibration:
     """Combine the calibrations of a rig's cameras, and compare each pair with the reference of the rig or the drives.
 
@@ -133,6 +153,7 @@ def combine(
         num_sweeps: Number of different clouds that were read.
         adjustment: What all sensors and ties say together, which the calibrations follow already.
         lidars: The further LiDARs.
+        images: What overlapping images show of two cameras, if the rig asks for that.
     """
     pairs, doubted = [], () if adjustment is None else adjustment.doubted
     for a, b in combinations(first_cameras(rig, cameras), 2):
@@ -145,7 +166,7 @@ def combine(
         pair = make_pair(a, cameras[a], b, cameras[b], reference, of_both)
         is_doubted = pair.is_doubted or not {a, b}.isdisjoint(doubted)
         pairs.append(replace(pair, is_doubted=is_doubted))
-    return RigCalibration(cameras, failures, tuple(pairs), num_sweeps, adjustment, lidars)
+    return RigCalibration(cameras, failures, tuple(pairs), num_sweeps, adjustment, lidars, images)
 
 
 def describe_rig(
@@ -168,6 +189,7 @@ def describe_rig(
         "notes": list(rig.notes),
         "cameras": {name: view for name, view in views.items() if name not in rig.further_views},
         "pairs": [pair.describe() for pair in rig.pairs],
+        **({} if rig.images is None else {"images": [shown.model_dump() for shown in rig.images]}),
         **({"lidars": lidars} if lidars else {}),
         **(
             {} if rig.adjustment is None else {"adjustment": rig.adjustment.describe(with_loops=bool(lidars))}

@@ -114,6 +114,9 @@ class Rig(StrictModel):
     T_lidar_lidar: References = {}
     """Reference transforms between LiDARs, like T_camera_camera. They are also where a registration starts if no camera
     sees both LiDARs."""
+    match_images: bool = False
+    """Whether the images of cameras of the first LiDAR are matched where they overlap. A camera that they contradict is
+    calibrated again, from where they place it."""
 
     _path: Path = PrivateAttr(default=Path(RIG_FILE))
 

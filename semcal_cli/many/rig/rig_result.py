@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -21,11 +21,13 @@ from semcal_cli.files.validation import (
     Vector3,
     Vector4,
     Version,
+    length,
     validate,
 )
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.many.rig.adjustment_document import Adjustment
 from semcal_cli.many.rig.further_lidar import LidarCalibration, LidarStatus, reference_of
+from semcal_cli.many.rig.matched_images import MAX_IMAGE_PAIRS, ComparedImages
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine
 from semcal_cli.many.rig.rig_document import RESULT, Rig, view_name
 from semcal_cli.many.rig.rig_pair import Reference, RigPair
@@ -130,6 +132,8 @@ class RigResult(StrictModel):
     """Result of each camera."""
     pairs: list[dict[str, Any]]
     """Transform between each pair of cameras; it is recomputed when needed."""
+    images: Annotated[tuple[ComparedImages, ...], length(0, MAX_IMAGE_PAIRS)] | None = None
+    """What overlapping images show of two cameras; absent unless the rig asks for it."""
     lidars: dict[str, LidarResult] = {}
     """Result of each further LiDAR; absent for a rig of one LiDAR."""
     num_sweeps: int
@@ -279,6 +283,10 @@ def read_rig_result(
             f"{path}: adjustment.cameras: found {listed(result.adjustment.cameras)}, expected some of "
             f"{listed(rig.sensors)}"
         )
+    # Only cameras with a calibration are compared.
+    tied = {name for shown in result.images or () for name in (shown.to, shown.source)}
+    if not tied <= {name for name in rig.cameras if named[name].calibration is not None}:
+        raise InputError(f"{path}: images: found {listed(sorted(tied))}, expected cameras with a calibration")
     cameras, failures, files = {}, {}, dict[str, Path]()
     for name in drives:
         camera = named[name]
@@ -294,5 +302,6 @@ def read_rig_result(
     lidars = tuple(
         lidar.calibration(name, rig, drives, result.adjustment) for name, lidar in result.lidars.items()
     )
-    of_rig = combine(rig, drives, cameras, failures, result.num_sweeps, result.adjustment, lidars)
+    adjustment, num_sweeps = result.adjustment, result.num_sweeps
+    of_rig = combine(rig, drives, cameras, failures, num_sweeps, adjustment, lidars, result.images)
     return of_rig, files

@@ -110,7 +110,7 @@ def check_lidars(rig: Path, views: Mapping[str, tuple[str, str, Drive]]) -> None
         name: _sizes(drive, (frame.image for frame in drive.frames if frame.image is not None))
         for name, (*_, drive) in views.items()
     }
-    key_of = cache(_content_key)
+    key_of = cache(content_key)
     for (other, (its_camera, its_lidar, _)), (name, (camera, lidar, _)) in combinations(views.items(), 2):
         if lidar == its_lidar:
             continue
@@ -168,7 +168,7 @@ def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
     if len(groups) > 1:
         clouds = [(names, set().union(*(files[name] for name in names))) for names, _ in groups]
         groups = _merge_overlapping(
-            (names, {_content_key(path) for path in paths})
+            (names, {content_key(path) for path in paths})
             for names, paths in clouds
             if all(os.access(path, os.R_OK) and path.is_file() for path in paths)
         )
@@ -183,7 +183,7 @@ def cloud_path(drive: Drive, name: str) -> Path:
     return Path(os.path.realpath(drive.resolve(name)))
 
 
-def _content_key(path: Path) -> tuple[int, bytes]:
+def content_key(path: Path) -> tuple[int, bytes]:
     """Identify the content of a cloud: the size of its file, and the hash of the bytes in its middle."""
     with open_file(path) as file:
         size = size_of(file)

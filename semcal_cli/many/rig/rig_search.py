@@ -1,0 +1,234 @@
+"""Where the images of a rig place its cameras, if some of them were calibrated to a wrong maximum.
+
+Each camera alone has many maxima near the right one, above all by edges of few sweeps. Images that overlap tell how the
+cameras are placed relative to one another, so that the pose of any camera gives those of all others. What all cameras
+together have of information there decides which one is believed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from semcal_cli import core
+from semcal_cli.checks.other_pose import check_rivals
+from semcal_cli.config import ExactConfig
+from semcal_cli.errors import InputError
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.events import Listener
+from semcal_cli.findings.check import findings_among
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses, inverse
+from semcal_cli.many.rig.further_lidar import first_cameras
+from semcal_cli.many.rig.image_matching import ImagePair, fit_all, pair_images
+from semcal_cli.many.rig.matched_images import AGREE_DEG, ComparedImages, MatchedImages
+from semcal_cli.many.rig.rig_data import RigData
+from semcal_cli.observations.cues.cue_table import choose_cues, policy_of
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import Observations
+from semcal_cli.readable import figure
+from semcal_cli.result.calibration_document import CalibrationDocument
+
+BLOCK_PX = 4
+"""Side of the blocks on which poses are compared, pixels: what images show is a few pixels off."""
+NUM_STARTS, SPREAD_DEG, SPREAD_M, FARTHEST_DEG, FARTHEST_M = (
+    (24, 12, 6, 4),
+    (0.3, 1.2),
+    (0.05, 0.25),
+    2.0,
+    0.5,
+)
+"""Starts around a pose that images show: from wrong poses of the cameras, it may be a degree off
+(`tests/benchmarks/image_matching.py`)."""
+
+
+class RigPlaces(NamedTuple):
+    """Where cameras of a rig are by the pose of one of them, and what images show of the others."""
+
+    anchor: str
+    """The camera that is believed."""
+    poses: dict[str, Pose]
+    """T_camera_lidar (4, 4) of each camera that images tie to it, with its own."""
+
+    @classmethod
+    def by(cls, anchor: str, T_camera_lidar: Pose, shown: Sequence[MatchedImages]) -> RigPlaces:
+        """Place all cameras that images tie to one of them, the surest ties first (Prim 1957)."""
+        poses = {anchor: T_camera_lidar}
+        ties = sorted(shown, key=lambda tie: tie.spread_deg)
+        while (
+            tie := next((tie for tie in ties if (tie.to in poses) != (tie.source in poses)), None)
+        ) is not None:
+            if tie.source in poses:
+                poses[tie.to] = tie.pose @ poses[tie.source]
+            else:
+                poses[tie.source] = inverse(tie.pose) @ poses[tie.to]
+        return cls(anchor, poses)
+
+    def elsewhere(self, cameras: Mapping[str, CalibrationDocument]) -> dict[str, Pose]:
+        """Select the places (4, 4) of the cameras that are not trusted, and were calibrated to another maximum."""
+        return {
+            name: T
+            for name, T in self.poses.items()
+            if not cameras[name].trusted and compare_poses(cameras[name].pose, T).rotation_deg > AGREE_DEG
+        }
+
+
+class RigImages:
+    """The images of the cameras of the first LiDAR of a rig, matched where they overlap."""
+
+    def __init__(self, data: RigData, cameras: Mapping[str, CalibrationDocument]) -> None:
+        """Match the images.
+
+        Args:
+            data: The rig.
+            cameras: Calibration of each camera that has one.
+
+        Raises:
+            InputError: an image, a sweep or a mask is missing or wrong.
+        """
+        self.data, self.alone = data, first_cameras(data.rig, cameras)
+        poses = {name: calibration.pose for name, calibration in self.alone.items()}
+        self.pairs = pair_images({name: data.drives[name] for name in poses}, poses, data.sweeps)
+
+    @staticmethod
+    def check(data: RigData) -> None:
+        """Check that poses of the cameras can be compared by their information.
+
+        Raises:
+            InputError: a camera is calibrated by feature vectors, which have none.
+        """
+        for name, drive in data.drives.items():
+            policy = policy_of(choose_cues(data.config.cues, drive, data.sweeps))
+            if any(cue.has_vectors for cue in policy.cues.values()):
+                raise InputError(
+                    f"{data.rig.path}: match_images: found feature vectors as the cue of {name}, which have no "
+                    "information to compare poses by; leave match_images out, or choose another --cue"
+                )
+
+    def elsewhere(self) -> dict[str, InitialPose]:
+        """Find the cameras that were calibrated to a wrong maximum, and where images place them.
+
+        Raises:
+            InputError: a file is missing or wrong.
+        """
+        poses = {name: calibration.pose for name, calibration in self.alone.items()}
+        shown, starts = fit_all(self.pairs, poses), dict[str, InitialPose]()
+        for group in contradicted_groups(shown, poses):
+            places = best_places(group, self.alone, self.pairs, shown, self.data.load)
+            for name, T in places.elsewhere(self.alone).items():
+                starts[name] = InitialPose(T, f"where its images and {places.anchor} place it")
+        return starts
+
+    def load_near(self, name: str, on_event: Listener) -> LoadedDrive:
+        """Load the drive of a camera, with narrow starts around where images place it.
+
+        Raises:
+            InputError: as `load`.
+            CalibrationError: as `load`.
+        """
+        data = self.data.load(name, on_event)
+        starts = data.observations.starts
+        if starts is None:
+            return data
+        narrow = replace(
+            starts,
+            num_starts=NUM_STARTS,
+            spread_deg=SPREAD_DEG,
+            spread_m=SPREAD_M,
+            farthest_deg=FARTHEST_DEG,
+            farthest_m=FARTHEST_M,
+        )
+        return replace(data, observations=replace(data.observations, starts=narrow))
+
+    def judged(self, name: str, again: CalibrationDocument) -> CalibrationDocument:
+        """Note why a calibration was made again, and doubt it if the pose before explains the data as well.
+
+        Args:
+            name: The camera.
+            again: Its calibration from where images place it.
+        """
+        before = self.alone[name]
+        away = compare_poses(before.pose, again.pose)
+        note = (
+            f"calibrated again from {again.settings.options['given']}: alone, it had ended "
+            f"{figure(away.rotation_deg)} degrees and {figure(away.camera_center_cm)} cm away"
+        )
+        changes: dict[str, object] = {"notes": (*again.notes, note)}
+        if again.trusted:
+            seen = self.data.seen(name, again, again.pose)
+            if rival := findings_among(
+                check_rivals(seen, again.pose, again.uncertainty, known=[before.pose])
+            ):
+                changes |= {
+                    "status": "not_trusted",
+                    "reasons": tuple(finding.sentence for finding in rival),
+                    "topics": tuple(finding.topic for finding in rival),
+                }
+        return again.model_copy(update=changes)
+
+    def compared(self, cameras: Mapping[str, CalibrationDocument]) -> tuple[ComparedImages, ...]:
+        """Compare what images show of each two cameras with their calibrations."""
+        poses = {name: cameras[name].pose for name in self.alone}
+        return tuple(ComparedImages.beside(shown, poses) for shown in fit_all(self.pairs, poses))
+
+
+def contradicted_groups(shown: Sequence[MatchedImages], poses: Mapping[str, Pose]) -> list[list[str]]:
+    """Group the cameras that images tie, directly or through others; keep groups that their poses (4, 4) contradict."""
+    groups: list[list[str]] = []
+    for tie in shown:
+        joined = [group for group in groups if tie.to in group or tie.source in group]
+        names = [*(name for group in joined for name in group), tie.source, tie.to]
+        groups = [*(group for group in groups if group not in joined), list(dict.fromkeys(names))]
+    contradicted = {tie.to for tie in shown if tie.differs_from(poses).rotation_deg > AGREE_DEG}
+    return [group for group in groups if not contradicted.isdisjoint(group)]
+
+
+def best_places(
+    names: Collection[str],
+    cameras: Mapping[str, CalibrationDocument],
+    pairs: Sequence[ImagePair],
+    shown: Sequence[MatchedImages],
+    load: Callable[[str], LoadedDrive],
+) -> RigPlaces:
+    """Choose the camera whose pose gives all cameras that images tie the most information.
+
+    If some are trusted, it is one of these. The images are then compared again with the cameras where it places them:
+    how far features are away depends a little on the poses.
+
+    Args:
+        names: Cameras that images tie.
+        cameras: Calibration of each.
+        pairs: Their images, matched.
+        shown: What these show.
+        load: Loads the drive of a camera; one at a time is held.
+
+    Raises:
+        InputError: a file is missing or wrong.
+    """
+    trusted = [name for name in names if cameras[name].trusted]
+    by_anchor = {name: RigPlaces.by(name, cameras[name].pose, shown) for name in trusted or names}
+    nats = dict.fromkeys(by_anchor, 0.0)
+    for name in names:
+        poses = [places.poses[name] for places in by_anchor.values()]
+        for anchor, gained in zip(by_anchor, _information(load(name).observations, poses), strict=True):
+            nats[anchor] += gained
+    best = by_anchor[max(nats, key=lambda anchor: nats[anchor])]
+    again = fit_all([pair for pair in pairs if {pair.to, pair.source} <= {*names}], best.poses)
+    placed = RigPlaces.by(best.anchor, best.poses[best.anchor], again)
+    return RigPlaces(best.anchor, best.poses | placed.poses)
+
+
+def _information(observations: Observations, poses: Sequence[Pose]) -> list[float]:
+    """Compute the information of all points at poses (4, 4), nats; with a sign if the starts have a contrast."""
+    starts = observations.starts
+    ends = core.align(
+        observations.core,
+        poses,
+        ExactConfig(steps=0),
+        factor=BLOCK_PX,
+        visible_only=True,
+        seed=0,
+        is_signed=starts is not None and starts.contrast is not None,
+    )
+    return [end.value * end.num_points for end in ends]
