@@ -14,7 +14,7 @@ from test_rig import run
 
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, Drive, Motion, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.point_clouds import SweepCache
@@ -23,9 +23,11 @@ from semcal_cli.geometry.poses import compare_poses, inverse
 from semcal_cli.geometry.twists import apply_twist, displace
 from semcal_cli.many.rig.image_matching import fit_all, pair_images
 from semcal_cli.many.rig.matched_images import MatchedImages
+from semcal_cli.many.rig.relative_pose import RelativePose, fit_relative_pose
 from semcal_cli.many.rig.rig_data import RigData
 from semcal_cli.many.rig.rig_document import read_rig
-from semcal_cli.many.rig.rig_search import RigImages, RigPlaces, contradicted_groups
+from semcal_cli.many.rig.rig_result import read_rig_result
+from semcal_cli.many.rig.rig_search import RigImages, RigPlaces, tied_groups
 from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -92,7 +94,7 @@ def test_images_show_how_cameras_are_placed(
         file = folder / "left" / DRIVE_FILE
         file.write_text(file.read_text().replace("../front/points", "points"))
     drives = {name: read_drive(folder / name) for name in AZIMUTHS_DEG}
-    pairs = pair_images(drives, truth, SweepCache())
+    pairs = pair_images(drives, truth, SweepCache()).pairs
     (right,) = fit_all(pairs, truth)
     assert (right.source, right.to, right.num_frames) == ("front", "left", 4)
     error = right.differs_from(truth)
@@ -102,6 +104,64 @@ def test_images_show_how_cameras_are_placed(
     wrong = {name: displace(T, 2.0, 0.1, rng) for name, T in truth.items()}
     (off,) = fit_all(pairs, wrong)
     assert off.differs_from(truth).rotation_deg < 0.5 < 2.0 < off.differs_from(wrong).rotation_deg
+
+
+def test_a_camera_that_is_far_off_is_contradicted(drives: dict[str, Drive], truth: dict[str, Pose]) -> None:
+    turned = apply_twist(truth["left"], np.radians([0.0, 0.0, 0.0, 0.0, 14.0, 0.0]))
+    wrong = truth | {"left": turned}
+    (shown,) = fit_all(pair_images(drives, truth, SweepCache()).pairs, wrong)
+    assert shown.is_contradicted_by(wrong)
+    assert not shown.is_contradicted_by(truth)
+
+
+def stamped(drive: Drive, later_s: float, **changes: object) -> Drive:
+    frames = [
+        frame.model_copy(update={"image_stamp": 10.0 * at + later_s}) for at, frame in enumerate(drive.frames)
+    ]
+    return drive.model_copy(update={"frames": tuple(frames), **changes})
+
+
+@pytest.mark.parametrize(
+    ("later_s", "offset_s", "speed_m_s", "num_pairs"),
+    [
+        (0.0, 0.0, None, 1),
+        (0.05, 0.0, None, 0),
+        (0.05, -0.05, None, 1),
+        (0.05, 0.0, 0.0, 1),
+        (0.05, 0.0, 3.0, 0),
+    ],
+)
+def test_images_of_different_moments_are_not_compared(
+    drives: dict[str, Drive],
+    truth: dict[str, Pose],
+    later_s: float,
+    offset_s: float,
+    speed_m_s: float | None,
+    num_pairs: int,
+) -> None:
+    motion = {} if speed_m_s is None else {"motion": Motion(speed_m_s=speed_m_s)}
+    drives = {
+        "front": stamped(drives["front"], 0.0),
+        "left": stamped(drives["left"], later_s, time_offset_s=offset_s, **motion),
+    }
+    poses = {name: truth[name] for name in drives}
+    assert len(fit_all(pair_images(drives, poses, SweepCache()).pairs, poses)) == num_pairs
+
+
+def test_matches_on_one_object_tell_no_rotation() -> None:
+    rng = np.random.default_rng(0)
+    T = make_pose((0.1, -0.2, 0.05), (0.4, 0.0, 0.1))
+
+    def fitted(width_m: float) -> RelativePose | None:
+        points = rng.uniform([-width_m, -width_m, 10.0], [width_m, width_m, 14.0], (60, 3))
+        moved = points @ T[:3, :3].T + T[:3, 3]
+        rays = moved + 0.02 * rng.standard_normal((60, 3))
+        return fit_relative_pose(T, points, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+    assert fitted(0.1) is None
+    found = fitted(6.0)
+    assert found is not None
+    assert compare_poses(found.T, T).rotation_deg < 0.2
 
 
 def test_cameras_are_placed_along_the_surest_ties() -> None:
@@ -118,9 +178,12 @@ def test_cameras_are_placed_along_the_surest_ties() -> None:
     for anchor in truth:
         places = RigPlaces.by(anchor, truth[anchor], ties)
         assert all(compare_poses(places.poses[name], T).rotation_deg < 1e-6 for name, T in truth.items())
-    assert contradicted_groups(ties[1:], truth) == []
-    assert [sorted(group) for group in contradicted_groups(ties, truth)] == [["a", "b", "c", "d"]]
-    assert contradicted_groups([tie("b", "a", 0.1), tie("d", "c", 0.1, off=3.0)], truth) == [["c", "d"]]
+    assert [tie.is_contradicted_by(truth) for tie in ties] == [True, False, False, False]
+    assert [sorted(group) for group in tied_groups(ties[:2])] == [["a", "b", "c"]]
+    assert tied_groups([ties[1], ties[3]]) == [["a", "b"], ["c", "d"]]
+    # A difference within three standard errors is none.
+    assert not tie("b", "a", 0.7, off=2.0).is_contradicted_by(truth)
+    assert tie("b", "a", 0.3, off=2.0).is_contradicted_by(truth)
 
 
 def test_a_camera_that_images_contradict_is_calibrated_again(
@@ -133,7 +196,7 @@ def test_a_camera_that_images_contradict_is_calibrated_again(
         assert compare_poses(calibration.pose, T).rotation_deg < 0.3, name
         assert any("calibrated again" in note for note in calibration.notes) == (name == "left")
     assert (
-        read_calibration(out / "left.yaml").settings.options["given"] == "where its images and front place it"
+        read_calibration(out / "left.yaml").settings.options["given"] == "the place by its images and front"
     )
     (shown,) = read_document(out / "rig_calibration.yaml")["images"]
     assert shown["rotation_deg"] < 0.3
@@ -156,12 +219,24 @@ def test_trusted_cameras_that_images_contradict_make_a_rig_doubtful(
     assert run(rig_of_three, "-o", out).exit_code == 0
     file = out / "rig_calibration.yaml"
     document = read_document(file)
-    document["images"][0]["rotation_deg"] = 2.0
+    turn = np.radians([0.0, 0.0, 0.0, 0.0, 2.0, 0.0])
+    shown = document["images"][0]
+    shown["T_to_source"] = apply_twist(np.array(shown["T_to_source"]), turn).tolist()
     file.write_text(yaml.safe_dump(document))
     page = tmp_path / "rig.html"
     assert invoke("report", rig_of_three, file, "-o", page).exit_code == 0
-    assert "from that of their calibrations, more than 1 degree" in page.read_text()
-    document["images"][0]["to"] = "nobody"
+    text = page.read_text()
+    assert "The cameras contradict their images" in text
+    assert "from that of their calibrations, more than 1 degrees" in text
+    drives = read_rig(rig_of_three).read_drives()
+    rig, _ = read_rig_result(read_rig(rig_of_three), drives, file)
+    assert rig.status == "not_trusted"
+    assert {pair.a + pair.b: pair.is_doubted for pair in rig.pairs} == {
+        "frontleft": True,
+        "frontrear": True,
+        "leftrear": True,
+    }
+    shown["to"] = "nobody"
     file.write_text(yaml.safe_dump(document))
     refused = invoke("report", rig_of_three, file, "-o", page)
     assert refused.exit_code == 1
@@ -195,6 +270,16 @@ def test_what_cannot_be_matched_is_named(
     file.write_text("{semcal_rig: 1, cameras: {a: a, b: b}, match_images: maybe}")
     with pytest.raises(InputError, match="match_images: found 'maybe', expected true or false"):
         read_rig(file)
+
+
+def test_an_image_that_cannot_be_read_stops_nothing(rig_of_three: Path, tmp_path: Path) -> None:
+    """By labels, images are only matched."""
+    shutil.copytree(rig_of_three.parent, tmp_path / "rig")
+    image = min((tmp_path / "rig" / "left" / "images").iterdir())
+    image.write_bytes(b"")
+    result = run(tmp_path / "rig", "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "images of front and left were not matched" in " ".join(result.stderr.split())
 
 
 def test_where_nothing_overlaps_it_is_said(rig_of_three: Path, tmp_path: Path) -> None:

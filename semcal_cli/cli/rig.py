@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
-    from semcal_cli.many.rig.matched_images import ComparedImages
     from semcal_cli.many.rig.rig_pair import RigPair
     from semcal_cli.many.rig.rig_result import RigTransforms
 
@@ -98,7 +97,7 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         started = starts[name]
         if isinstance(started, NoStartError):
             raise started
-        loaded = data.load(name, on_event)
+        loaded = data.load(name, on_event=on_event)
         calibration = started.calibration()(loaded, on_event=on_event)
         return outputs[name].with_provenance(calibration, loaded, started.initial_pose, hashes)
 
@@ -106,15 +105,25 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
         raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
-    images = _match_images(data, cameras, settings, jobs, hashes) if rig.match_images else None
+    images = _match_images(data, cameras, settings, jobs, folder, hashes) if rig.match_images else None
+    shown = None if images is None else images.settle(cameras)
     adjustment, lidars = data.adjusted(cameras)
     for name in cameras:
         if STAGE in cameras[name].stages:
             write_calibration(cameras[name], folder / f"{name}.yaml")
     result_of_rig = combine(
-        rig, drives, cameras, failures, data.sweeps.num_different, adjustment, lidars, images
+        rig,
+        drives,
+        cameras,
+        failures,
+        data.sweeps.num_different,
+        adjustment,
+        lidars,
+        shown,
+        () if images is None else images.images.notes,
     )
-    _write(result_of_rig, rig, drives, result, hashes)
+    read = [rig.path, *(drive.path for drive in drives.values()), *(images.images.files if images else ())]
+    _write(result_of_rig, rig, drives, result, hash_files(read, result.parent, hashes))
     if settings.log is not None:
         logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
         write_text(json.dumps(logs, indent=2) + "\n", settings.log)
@@ -136,19 +145,18 @@ def _match_images(
     cameras: dict[str, CalibrationDocument],
     settings: CalibrateSettings,
     jobs: Sequence[Job],
+    folder: Path,
     hashes: dict[str, str],
-) -> tuple[ComparedImages, ...]:
-    """Compare cameras with their images, and calibrate those that these contradict again.
+) -> RigImages:
+    """Match the images of cameras, and calibrate cameras that these contradict again.
 
     Args:
         data: The rig.
-        cameras: Calibration of each camera that has one. Those made again are replaced; one that fails then stays.
+        cameras: Calibration of each camera that has one. Those made again are replaced; one that fails gets a note.
         settings: Settings of the command.
         jobs: Job of each camera.
+        folder: Folder of the results.
         hashes: SHA-256 by the real paths of files; new ones are added.
-
-    Returns:
-        What images show of each two cameras, beside their calibrations.
 
     Raises:
         InputError: a file is missing or wrong.
@@ -167,8 +175,13 @@ def _match_images(
     again = [
         Job(job.name, partial(run, job.name), job.outputs, job.terminal) for job in jobs if job.name in placed
     ]
-    cameras |= calibrate_each(again, settings.threads)[0]
-    return images.compared(cameras)
+    calibrated, failures = calibrate_each(again, settings.threads)
+    cameras |= calibrated
+    for name, failure in failures.items():
+        note = f"it could not be calibrated again from {placed[name].name}: {failure}"
+        cameras[name] = cameras[name].model_copy(update={"notes": (*cameras[name].notes, note)})
+        write_calibration(cameras[name], folder / f"{name}.yaml")
+    return images
 
 
 def _choose_starts(
@@ -225,12 +238,14 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def _write(
-    calibration: RigCalibration, rig: Rig, drives: Mapping[str, Drive], result: Path, hashes: dict[str, str]
+    calibration: RigCalibration,
+    rig: Rig,
+    drives: Mapping[str, Drive],
+    result: Path,
+    hashes: Mapping[str, str],
 ) -> None:
     files = {name: f"{name}.yaml" for name in drives}
-    read = [rig.path, *(drive.path for drive in drives.values())]
-    source = os.path.relpath(rig.path, result.parent)
-    document = describe_rig(calibration, files, source, hash_files(read, result.parent, hashes))
+    document = describe_rig(calibration, files, os.path.relpath(rig.path, result.parent), hashes)
     write_text(document_text(document, "yaml"), result)
 
 
@@ -307,6 +322,7 @@ def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:
         *(name for name, camera in calibration.cameras.items() if camera.status == calibration.status),
         *(lidar.name for lidar in calibration.lidars if lidar.status == calibration.status),
         *(contradiction.name for contradiction in calibration.contradictions),
+        *(f"{shown.to} beside {shown.source}" for shown in calibration.contradicted_images),
     ]
     terminal.print_verdict(
         verdict_line(calibration.status, ", ".join(worst)),

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import perf_counter
 
 import numpy as np
 import yaml
@@ -28,8 +29,10 @@ ORIGIN_M = [1.38, 0.0, 1.63]
 
 
 def main(data: Path, *, cameras: int = 6, starts: int = 3) -> Iterator[str]:
-    """Calibrate the rig from several starts, and compare each camera with its published pose."""
-    columns = "camera | start | alone: deg | cm | matched: deg | cm | status"
+    """Calibrate the rig from several starts, and compare its cameras with their published poses."""
+    columns = (
+        "start | cameras | deg: median, worst | cm: median, worst | within 1 deg, 20 cm | trusted | seconds"
+    )
     yield from table(
         columns, [row for start in range(starts) for row in _rows(data.resolve(), start, cameras)]
     )
@@ -38,20 +41,29 @@ def main(data: Path, *, cameras: int = 6, starts: int = 3) -> Iterator[str]:
 def _rows(data: Path, start: int, cameras: int) -> Iterator[tuple[str, ...]]:
     with TemporaryDirectory() as folder:
         published = _written_rig(data, Path(folder), start, cameras)
-        errors = dict[str, list[str]]((name, []) for name in published)
-        for matched in (False, True):
+        for name, matched in (("alone", False), ("matched", True)):
             rig = {"semcal_rig": 1, "cameras": {name: name for name in published}, "match_images": matched}
             (Path(folder) / RIG_FILE).write_text(yaml.safe_dump(rig))
-            out = Path(folder) / f"matched_{matched}"
-            run_process(
-                [*SEMCAL, "calibrate", str(Path(folder) / RIG_FILE), "--cue", "edges", "-o", str(out), "-q"]
+            out, begin = Path(folder) / name, perf_counter()
+            run_process([*SEMCAL, "calibrate", folder, "--cue", "edges", "-o", str(out), "-q"])
+            seconds = perf_counter() - begin
+            results = [read_calibration(out / f"{camera}.yaml") for camera in published]
+            errors = [
+                compare_poses(result.pose, T) for result, T in zip(results, published.values(), strict=True)
+            ]
+            deg, cm = (
+                np.array([getattr(error, unit) for error in errors])
+                for unit in ("rotation_deg", "camera_center_cm")
             )
-            results = {name: read_calibration(out / f"{name}.yaml") for name in published}
-            for name, T_published in published.items():
-                error = compare_poses(results[name].pose, T_published)
-                errors[name] += [f"{error.rotation_deg:.2f}", f"{error.camera_center_cm:.1f}"]
-        for name in published:
-            yield name.removesuffix("_3_pairs"), f"{start}", *errors[name], results[name].status
+            yield (
+                f"{start}",
+                name,
+                f"{np.median(deg):.2f}, {deg.max():.2f}",
+                f"{np.median(cm):.1f}, {cm.max():.1f}",
+                f"{np.sum((deg <= 1.0) & (cm <= 20.0))} of {len(errors)}",
+                f"{sum(result.trusted for result in results)}",
+                f"{seconds:.0f}",
+            )
 
 
 def _written_rig(data: Path, folder: Path, start: int, cameras: int) -> dict[str, Pose]:

@@ -18,11 +18,12 @@ from semcal_cli.readable import figure, lengths
 AGREE_DEG = 1.0
 """Largest angle between what images show of two cameras and their calibrations. What images show is up to 0.9 degrees
 from the published poses of DDAD (`tests/benchmarks/image_matching.py`)."""
+AGREE_SIGMAS = 3.0
+"""The same in standard errors, where these are larger."""
 MAX_IMAGE_PAIRS = MAX_CAMERAS * (MAX_CAMERAS - 1) // 2
 """Largest number of pairs of cameras."""
 MIN_MATCHES = 15
-"""Least number of features that show a transform. A wrong match fits by chance once in 400 times, so that no vote finds
-as many."""
+"""Smallest number of features that show a transform."""
 
 
 class MatchedImages(StrictModel):
@@ -53,6 +54,15 @@ class MatchedImages(StrictModel):
         """Standard error of the rotation, over three axes, in degrees."""
         return float(np.linalg.norm(self.sigma_deg))
 
+    @property
+    def most_apart_deg(self) -> float:
+        """Largest angle between the transform and that of calibrations that agree with it, in degrees."""
+        return max(AGREE_DEG, AGREE_SIGMAS * self.spread_deg)
+
+    def is_contradicted_by(self, poses: Mapping[str, Pose]) -> bool:
+        """Whether the poses T_camera_lidar (4, 4) of both cameras contradict it."""
+        return self.differs_from(poses).rotation_deg > self.most_apart_deg
+
     def differs_from(self, poses: Mapping[str, Pose]) -> PoseError:
         """Compare the transform with the poses T_camera_lidar (4, 4) of both cameras."""
         return compare_poses(poses[self.to] @ inverse(poses[self.source]), self.pose)
@@ -69,13 +79,13 @@ class ComparedImages(MatchedImages):
     @classmethod
     def beside(cls, shown: MatchedImages, poses: Mapping[str, Pose]) -> ComparedImages:
         """Compare what images show with the poses T_camera_lidar (4, 4) of both cameras."""
-        error = shown.differs_from(poses)
-        return cls(**shown.model_dump(), rotation_deg=error.rotation_deg, distance_m=error.camera_center_m)
+        error, own = shown.differs_from(poses), shown.model_dump(include={*MatchedImages.model_fields})
+        return cls(**own, rotation_deg=error.rotation_deg, distance_m=error.camera_center_m)
 
     @property
     def is_contradicted(self) -> bool:
         """Whether the calibrations contradict it."""
-        return self.rotation_deg > AGREE_DEG
+        return self.rotation_deg > self.most_apart_deg
 
     @property
     def sentence(self) -> str:
@@ -89,6 +99,6 @@ class ComparedImages(MatchedImages):
     def reason(self) -> str:
         """Describe a difference that is too large, and what to do."""
         return (
-            f"{self.sentence}, more than {AGREE_DEG:g} degree: check the drives of both, that their images are of the "
-            "moments of the sweeps, and K"
+            f"{self.sentence}, more than {self.most_apart_deg:.2g} degrees: check the drives of both, that their "
+            "images are of one moment, and K"
         )

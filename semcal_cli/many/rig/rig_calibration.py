@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -13,7 +13,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.many.rig.adjustment_document import Adjustment, ComparedConstraint, LoopClosure
 from semcal_cli.many.rig.further_lidar import LidarCalibration, first_cameras
-from semcal_cli.many.rig.matched_images import ComparedImages
+from semcal_cli.many.rig.matched_images import ComparedImages, MatchedImages
 from semcal_cli.many.rig.rig_document import Rig
 from semcal_cli.many.rig.rig_pair import Reference, RigPair, make_pair
 from semcal_cli.result.calibration_document import CalibrationDocument, Status
@@ -40,6 +40,8 @@ class RigCalibration:
     """The further LiDARs."""
     images: tuple[ComparedImages, ...] | None = None
     """What overlapping images show of two cameras; None unless the rig asks for that."""
+    image_notes: tuple[str, ...] = ()
+    """Images that could not be matched."""
 
     @property
     def first_cameras(self) -> dict[str, CalibrationDocument]:
@@ -128,6 +130,7 @@ class RigCalibration:
             for to, source in skipped
         ]
         notes += [f"{lidar.name}: {note}" for lidar in self.lidars for note in lidar.notes]
+        notes += self.image_notes
         if self.images == ():
             notes.append("match_images found no two cameras whose images show enough of the same features")
         return tuple(notes)
@@ -141,7 +144,8 @@ def combine(
     num_sweeps: int,
     adjustment: Adjustment | None = None,
     lidars: tuple[LidarCalibration, ...] = (),
-    images: tuple[ComparedImages, ...] | None = None,
+    images: Iterable[MatchedImages] | None = None,
+    image_notes: tuple[str, ...] = (),
 ) -> RigCalibration:
     """Combine the calibrations of a rig's cameras, and compare each pair with the reference of the rig or the drives.
 
@@ -154,8 +158,14 @@ def combine(
         adjustment: What all sensors and ties say together, which the calibrations follow already.
         lidars: The further LiDARs.
         images: What overlapping images show of two cameras, if the rig asks for that.
+        image_notes: Images that could not be matched.
     """
-    pairs, doubted = [], () if adjustment is None else adjustment.doubted
+    poses = {name: calibration.pose for name, calibration in cameras.items()}
+    compared = None if images is None else tuple(ComparedImages.beside(shown, poses) for shown in images)
+    pairs, doubted = [], set[str]() if adjustment is None else {*adjustment.doubted}
+    doubted |= {
+        name for shown in compared or () if shown.is_contradicted for name in (shown.to, shown.source)
+    }
     for a, b in combinations(first_cameras(rig, cameras), 2):
         reference, T_a, T_b = None, drives[a].T_camera_lidar, drives[b].T_camera_lidar
         if (T_a_b := rig.reference(a, b)) is not None:
@@ -166,7 +176,9 @@ def combine(
         pair = make_pair(a, cameras[a], b, cameras[b], reference, of_both)
         is_doubted = pair.is_doubted or not {a, b}.isdisjoint(doubted)
         pairs.append(replace(pair, is_doubted=is_doubted))
-    return RigCalibration(cameras, failures, tuple(pairs), num_sweeps, adjustment, lidars, images)
+    return RigCalibration(
+        cameras, failures, tuple(pairs), num_sweeps, adjustment, lidars, compared, image_notes
+    )
 
 
 def describe_rig(

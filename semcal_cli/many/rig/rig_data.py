@@ -35,14 +35,18 @@ class RigData:
     sweeps: SweepCache
     """Sweeps that were read before."""
 
-    def load(self, name: str, on_event: Listener = ignore) -> LoadedDrive:
-        """Load a drive, by the name of its result.
+    def load(
+        self, name: str, calibration: CalibrationDocument | None = None, on_event: Listener = ignore
+    ) -> LoadedDrive:
+        """Load a drive, by the name of its result, with the camera and the clock of a calibration if there is one.
 
         Raises:
             InputError: as `load`.
             CalibrationError: as `load`.
         """
-        return load(self.drives[name], self.config, on_event, self.sweeps)
+        drive = self.drives[name]
+        drive = drive if calibration is None else calibration.applied_to(drive)
+        return load(drive, self.config, on_event, self.sweeps)
 
     def seen(self, name: str, calibration: CalibrationDocument, T_camera_lidar: Pose) -> Observations:
         """Load the observations that a calibration was made from, as a pose (4, 4) sees them.
@@ -51,8 +55,7 @@ class RigData:
             InputError: as `load`.
             CalibrationError: as `load`.
         """
-        drive = calibration.applied_to(self.drives[name])
-        data = load(drive, self.config, sweeps=self.sweeps).unrolled(T_camera_lidar)
+        data = self.load(name, calibration).unrolled(T_camera_lidar)
         return Skew.undone(data.observations, data.drive, T_camera_lidar, calibration.deskewed_m_s)
 
     def adjusted(

@@ -99,6 +99,8 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         if rig.lidars:
             tied = "The LiDARs are not tied well"
             title = "Measurements of the rig contradict each other" if rig.contradictions else tied
+        if rig.contradicted_images and not rig.contradictions:
+            title = "The cameras contradict their images"
         sentence = "Each camera is trusted alone."
         if unknown := names["not_assessed"]:
             sentence = f"The accuracy of these is unknown: {listed(unknown)}."

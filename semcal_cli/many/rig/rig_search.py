@@ -14,17 +14,24 @@ from typing import NamedTuple
 from semcal_cli import core
 from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.config import ExactConfig
+from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.events import Listener
 from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, inverse
+from semcal_cli.many.rig.adjusted_calibration import adjusted_calibration
 from semcal_cli.many.rig.further_lidar import first_cameras
 from semcal_cli.many.rig.image_matching import ImagePair, fit_all, pair_images
-from semcal_cli.many.rig.matched_images import AGREE_DEG, ComparedImages, MatchedImages
+from semcal_cli.many.rig.matched_images import AGREE_DEG, MatchedImages
 from semcal_cli.many.rig.rig_data import RigData
+from semcal_cli.many.rig.rig_document import FIRST_LIDAR
+from semcal_cli.many.rig.rig_estimate import RigEstimate
+from semcal_cli.many.rig.rig_uncertainty import adjusted_sensor
+from semcal_cli.many.rig.ties import Tie
 from semcal_cli.observations.cues.cue_table import choose_cues, policy_of
+from semcal_cli.observations.frame_selection import with_frames
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.readable import figure
@@ -83,13 +90,10 @@ class RigImages:
         Args:
             data: The rig.
             cameras: Calibration of each camera that has one.
-
-        Raises:
-            InputError: an image, a sweep or a mask is missing or wrong.
         """
         self.data, self.alone = data, first_cameras(data.rig, cameras)
-        poses = {name: calibration.pose for name, calibration in self.alone.items()}
-        self.pairs = pair_images({name: data.drives[name] for name in poses}, poses, data.sweeps)
+        drives = {name: _used(data.drives[name], before) for name, before in self.alone.items()}
+        self.images = pair_images(drives, _poses(self.alone), data.sweeps)
 
     @staticmethod
     def check(data: RigData) -> None:
@@ -110,14 +114,16 @@ class RigImages:
         """Find the cameras that were calibrated to a wrong maximum, and where images place them.
 
         Raises:
-            InputError: a file is missing or wrong.
+            InputError: as `load`.
+            CalibrationError: as `load`.
         """
-        poses = {name: calibration.pose for name, calibration in self.alone.items()}
-        shown, starts = fit_all(self.pairs, poses), dict[str, InitialPose]()
-        for group in contradicted_groups(shown, poses):
-            places = best_places(group, self.alone, self.pairs, shown, self.data.load)
-            for name, T in places.elsewhere(self.alone).items():
-                starts[name] = InitialPose(T, f"where its images and {places.anchor} place it")
+        poses, pairs = _poses(self.alone), self.images.pairs
+        shown, starts = fit_all(pairs, poses), dict[str, InitialPose]()
+        for group in tied_groups(shown):
+            if any(tie.to in group and tie.is_contradicted_by(poses) for tie in shown):
+                places = best_places(group, self.alone, pairs, shown, self._load)
+                for name, T in places.elsewhere(self.alone).items():
+                    starts[name] = InitialPose(T, f"the place by its images and {places.anchor}")
         return starts
 
     def load_near(self, name: str, on_event: Listener) -> LoadedDrive:
@@ -127,7 +133,7 @@ class RigImages:
             InputError: as `load`.
             CalibrationError: as `load`.
         """
-        data = self.data.load(name, on_event)
+        data = self.data.load(name, on_event=on_event)
         starts = data.observations.starts
         if starts is None:
             return data
@@ -167,21 +173,59 @@ class RigImages:
                 }
         return again.model_copy(update=changes)
 
-    def compared(self, cameras: Mapping[str, CalibrationDocument]) -> tuple[ComparedImages, ...]:
-        """Compare what images show of each two cameras with their calibrations."""
-        poses = {name: cameras[name].pose for name in self.alone}
-        return tuple(ComparedImages.beside(shown, poses) for shown in fit_all(self.pairs, poses))
+    def settle(self, cameras: dict[str, CalibrationDocument]) -> tuple[MatchedImages, ...]:
+        """Move cameras that are not trusted to what they and their images say together.
+
+        Args:
+            cameras: Calibration of each camera that has one; those that are moved are replaced.
+
+        Returns:
+            What images show of each two cameras.
+
+        Raises:
+            InputError: as `load`.
+            CalibrationError: as `load`.
+        """
+        current = {name: cameras[name] for name in self.alone}
+        if any(current[name].used_camera != before.used_camera for name, before in self.alone.items()):
+            return RigImages(self.data, current).settle(cameras)
+        poses = _poses(current)
+        shown = tuple(fit_all(self.images.pairs, poses))
+        agreeing = [tie for tie in shown if not tie.is_contradicted_by(poses)]
+        for group in tied_groups(agreeing):
+            own = [Tie.of_calibration(name, FIRST_LIDAR, current[name], even_doubted=True) for name in group]
+            ties = [Tie.of_images(tie) for tie in agreeing if tie.to in group]
+            estimate = RigEstimate.fit([*(tie for tie in own if tie is not None), *ties])
+            for name in estimate.poses:
+                if not current[name].trusted:
+                    sensor = adjusted_sensor(name, estimate)
+                    seen = self.data.seen(name, current[name], sensor.pose)
+                    cameras[name] = adjusted_calibration(current[name], seen, sensor, "overlapping images")
+        return shown
+
+    def _load(self, name: str) -> LoadedDrive:
+        return self.data.load(name, self.alone[name])
 
 
-def contradicted_groups(shown: Sequence[MatchedImages], poses: Mapping[str, Pose]) -> list[list[str]]:
-    """Group the cameras that images tie, directly or through others; keep groups that their poses (4, 4) contradict."""
+def _poses(cameras: Mapping[str, CalibrationDocument]) -> dict[str, Pose]:
+    return {name: calibration.pose for name, calibration in cameras.items()}
+
+
+def _used(drive: Drive, calibration: CalibrationDocument) -> Drive:
+    """Return a drive with the camera, the clock and the frames of its calibration."""
+    used = {frame.points for frame in calibration.input.frames}
+    frames = [at for at, frame in enumerate(drive.frames) if frame.points in used]
+    return with_frames(calibration.applied_to(drive), frames)
+
+
+def tied_groups(shown: Sequence[MatchedImages]) -> list[list[str]]:
+    """Group the cameras that images tie, directly or through others."""
     groups: list[list[str]] = []
     for tie in shown:
         joined = [group for group in groups if tie.to in group or tie.source in group]
         names = [*(name for group in joined for name in group), tie.source, tie.to]
         groups = [*(group for group in groups if group not in joined), list(dict.fromkeys(names))]
-    contradicted = {tie.to for tie in shown if tie.differs_from(poses).rotation_deg > AGREE_DEG}
-    return [group for group in groups if not contradicted.isdisjoint(group)]
+    return groups
 
 
 def best_places(

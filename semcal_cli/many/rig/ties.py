@@ -14,6 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.many.rig.matched_images import MatchedImages
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR, Constraint
 from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.uncertainty import Uncertainty
@@ -40,9 +41,12 @@ class Tie:
     """Whether its errors are shared with other such ties to an unknown degree, as by all cues but labels."""
 
     @classmethod
-    def of_calibration(cls, camera: str, lidar: str, calibration: CalibrationDocument) -> Tie | None:
+    def of_calibration(
+        cls, camera: str, lidar: str, calibration: CalibrationDocument, *, even_doubted: bool = False
+    ) -> Tie | None:
         """Make the tie of a camera and a LiDAR; None if the calibration is not trusted, or has no uncertainty."""
-        if (uncertainty := calibration.believed_uncertainty) is None:
+        uncertainty = calibration.uncertainty if even_doubted else calibration.believed_uncertainty
+        if uncertainty is None:
             return None
         shares = "cues" in calibration.settings.options
         covariance = np.array(uncertainty.covariance)
@@ -53,6 +57,12 @@ class Tie:
         """Make the tie of a constraint."""
         covariance = np.diag(constraint.variances)
         return cls("constraint", constraint.to, constraint.source, constraint.pose, covariance)
+
+    @classmethod
+    def of_images(cls, shown: MatchedImages) -> Tie:
+        """Make the tie of what images show of two cameras."""
+        covariance = np.diag(np.array([*shown.sigma_m, *np.radians(shown.sigma_deg)]) ** 2)
+        return cls("constraint", shown.to, shown.source, shown.pose, covariance)
 
     @property
     def ends(self) -> tuple[str, str]:
