@@ -78,6 +78,9 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
             check_registration(f"{rig.path}: lidars.{name}.register")
     page, result = settings.page, folder / f"{RESULT}.yaml"
     drives = rig.read_drives(settings.max_points)
+    data = RigData(rig, drives, settings.config, SweepCache())
+    if rig.match_images:
+        RigImages.check(data)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     given = None if settings.init is None else transforms_of(rig, drives, settings.init)
     with _made(folder):
@@ -89,9 +92,7 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
             outputs[name].check(drive)
         starts = _choose_starts(rig, drives, settings, given)
     set_num_threads(settings.threads)
-    hashes, data = dict[str, str](), RigData(rig, drives, settings.config, SweepCache())
-    if rig.match_images:
-        RigImages.check(data)
+    hashes = dict[str, str]()
 
     def run(name: str, on_event: Listener) -> CalibrationDocument:
         started = starts[name]

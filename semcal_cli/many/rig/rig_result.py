@@ -283,10 +283,7 @@ def read_rig_result(
             f"{path}: adjustment.cameras: found {listed(result.adjustment.cameras)}, expected some of "
             f"{listed(rig.sensors)}"
         )
-    # Only cameras with a calibration are compared.
-    tied = {name for shown in result.images or () for name in (shown.to, shown.source)}
-    if not tied <= {name for name in rig.cameras if named[name].calibration is not None}:
-        raise InputError(f"{path}: images: found {listed(sorted(tied))}, expected cameras with a calibration")
+    _check_images(result, path)
     cameras, failures, files = {}, {}, dict[str, Path]()
     for name in drives:
         camera = named[name]
@@ -305,3 +302,15 @@ def read_rig_result(
     adjustment, num_sweeps = result.adjustment, result.num_sweeps
     of_rig = combine(rig, drives, cameras, failures, num_sweeps, adjustment, lidars, result.images)
     return of_rig, files
+
+
+def _check_images(result: RigResult, path: Path) -> None:
+    """Check that images show transforms between two cameras with a calibration, each pair once."""
+    calibrated = [name for name, camera in result.cameras.items() if camera.calibration is not None]
+    pairs = [frozenset({shown.to, shown.source}) for shown in result.images or ()]
+    for index, pair in enumerate(pairs):
+        if len(pair) < 2 or not pair <= {*calibrated} or pair in pairs[:index]:
+            raise InputError(
+                f"{path}: images[{index}]: found {listed(sorted(pair))}, expected two cameras with a calibration, each "
+                "pair once"
+            )

@@ -28,7 +28,7 @@ from semcal_cli.many.rig.matched_images import AGREE_DEG, MatchedImages
 from semcal_cli.many.rig.rig_data import RigData
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR
 from semcal_cli.many.rig.rig_estimate import RigEstimate
-from semcal_cli.many.rig.rig_uncertainty import adjusted_sensor
+from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor, adjusted_sensor
 from semcal_cli.many.rig.ties import Tie
 from semcal_cli.observations.cues.cue_table import choose_cues, policy_of
 from semcal_cli.observations.frame_selection import with_frames
@@ -48,6 +48,9 @@ NUM_STARTS, SPREAD_DEG, SPREAD_M, FARTHEST_DEG, FARTHEST_M = (
 )
 """Starts around a pose that images show: from wrong poses of the cameras, it may be a degree off
 (`tests/benchmarks/image_matching.py`)."""
+
+NUM_ROUNDS = 2
+"""Number of estimates with cameras that are not trusted: one may agree with its images only once others have moved."""
 
 
 class RigPlaces(NamedTuple):
@@ -157,8 +160,8 @@ class RigImages:
         before = self.alone[name]
         away = compare_poses(before.pose, again.pose)
         note = (
-            f"calibrated again from {again.settings.options['given']}: alone, it had ended "
-            f"{figure(away.rotation_deg)} degrees and {figure(away.camera_center_cm)} cm away"
+            f"calibrated again from {again.settings.options['given']}, it ended {figure(away.rotation_deg)} degrees "
+            f"and {figure(away.camera_center_cm)} cm from where it had alone"
         )
         changes: dict[str, object] = {"notes": (*again.notes, note)}
         if again.trusted:
@@ -189,19 +192,23 @@ class RigImages:
         current = {name: cameras[name] for name in self.alone}
         if any(current[name].used_camera != before.used_camera for name, before in self.alone.items()):
             return RigImages(self.data, current).settle(cameras)
-        poses = _poses(current)
-        shown = tuple(fit_all(self.images.pairs, poses))
-        agreeing = [tie for tie in shown if not tie.is_contradicted_by(poses)]
-        for group in tied_groups(agreeing):
-            own = [Tie.of_calibration(name, FIRST_LIDAR, current[name], even_doubted=True) for name in group]
-            ties = [Tie.of_images(tie) for tie in agreeing if tie.to in group]
-            estimate = RigEstimate.fit([*(tie for tie in own if tie is not None), *ties])
-            for name in estimate.poses:
-                if not current[name].trusted:
-                    sensor = adjusted_sensor(name, estimate)
-                    seen = self.data.seen(name, current[name], sensor.pose)
-                    cameras[name] = adjusted_calibration(current[name], seen, sensor, "overlapping images")
-        return shown
+        poses, sensors = _poses(current), dict[str, AdjustedSensor]()
+        for _ in range(NUM_ROUNDS):
+            shown = fit_all(self.images.pairs, poses)
+            agreeing = [tie for tie in shown if not tie.is_contradicted_by(poses)]
+            for group in tied_groups(agreeing):
+                own = [
+                    Tie.of_calibration(name, FIRST_LIDAR, current[name], even_doubted=True) for name in group
+                ]
+                ties = [Tie.of_images(tie) for tie in agreeing if tie.to in group]
+                estimate = RigEstimate.fit([*(tie for tie in own if tie is not None), *ties])
+                doubted = [name for name in estimate.poses if not current[name].trusted]
+                sensors |= {name: adjusted_sensor(name, estimate) for name in doubted}
+                poses |= {name: sensors[name].pose for name in doubted}
+        for name, sensor in sensors.items():
+            seen = self.data.seen(name, current[name], sensor.pose)
+            cameras[name] = adjusted_calibration(current[name], seen, sensor, "overlapping images")
+        return tuple(shown)
 
     def _load(self, name: str) -> LoadedDrive:
         return self.data.load(name, self.alone[name])
