@@ -34,9 +34,11 @@ from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.reading import read_clouds, read_needed_image
 from semcal_cli.threads import thread_pool
 
-MAX_APART_S = 0.005
-"""Largest difference of the moments of two images that are matched, in seconds: a rig that turns by 20 degrees a second
-turns by 0.1 degrees meanwhile."""
+MAX_APART_S = 0.02
+"""Longest time between two images that are matched: that of neighbouring cameras which a LiDAR of 10 turns a second
+triggers as it passes by."""
+SPEED_M_S, TURN_RAD_S = 10.0, math.radians(10.0)
+"""Standard deviations of the speed and the turn of a rig meanwhile: those of a car in a town."""
 MAX_FRAMES = 10
 """Largest number of frames of two cameras whose images are matched."""
 PIXEL_DEG = 0.1
@@ -101,6 +103,15 @@ class _Matches(NamedTuple):
         return (ranges[:, None] * rays)[is_known], rays_to[is_known]
 
 
+class FramePair(NamedTuple):
+    """Frames of two cameras with the same cloud, by their indices."""
+
+    source: int
+    to: int
+    apart_s: float
+    """Time between their images; 0 where it is not known."""
+
+
 class CameraImages:
     """The features of the images of a camera, found once."""
 
@@ -128,23 +139,24 @@ class CameraImages:
         frames = [self.drive.frames[at] for at in sorted(self._features)]
         return [self.drive.resolve(name) for frame in frames for name in (frame.image, frame.points) if name]
 
-    def pairs_with(self, other: CameraImages) -> list[tuple[int, int]]:
-        """Pair frames of one cloud whose images are of one moment, by their indices; one for each cloud."""
-        pairs = (
-            next((pair for pair in product(frames, others) if self._is_of_one_moment(other, *pair)), None)
+    def pairs_with(self, other: CameraImages) -> list[FramePair]:
+        """Pair frames of one cloud whose images are of nearly one moment: for each cloud, the nearest two."""
+        nearest = (
+            min(
+                (FramePair(own, its, self._apart_s(other, own, its)) for own, its in product(frames, others)),
+                key=lambda pair: pair.apart_s,
+            )
             for cloud, frames in self.frames_of_cloud.items()
             if (others := other.frames_of_cloud.get(cloud))
         )
-        return evenly_spaced([pair for pair in pairs if pair is not None], MAX_FRAMES)
+        return evenly_spaced([pair for pair in nearest if pair.apart_s <= MAX_APART_S], MAX_FRAMES)
 
-    def _is_of_one_moment(self, other: CameraImages, own_frame: int, other_frame: int) -> bool:
-        """Whether two images are of one moment, as far as stamps tell; while the rig stands, all are."""
-        moments = [self._moment(own_frame), other._moment(other_frame)]
+    def _apart_s(self, other: CameraImages, own_frame: int, other_frame: int) -> float:
+        """Compute the time between two images, as far as stamps tell; while the rig stands, there is none."""
+        first, second = self._moment(own_frame), other._moment(other_frame)
         motions = self.drive.motion, other.drive.motion
-        if any(motion is not None and motion.speed_m_s == 0.0 for motion in motions):
-            return True
-        first, second = moments
-        return first is None or second is None or abs(first - second) <= MAX_APART_S
+        is_standing = any(motion is not None and motion.speed_m_s == 0.0 for motion in motions)
+        return 0.0 if first is None or second is None or is_standing else abs(first - second)
 
     def _moment(self, frame: int) -> float | None:
         stamp = self.drive.frames[frame].image_stamp
@@ -185,11 +197,12 @@ class ImagePair:
         (self.source, of_source), (self.to, of_to) = source, to
         frames = of_source.pairs_with(of_to)
         pairs = zip(
-            of_source.features([frame for frame, _ in frames]),
-            of_to.features([frame for _, frame in frames]),
+            of_source.features([pair.source for pair in frames]),
+            of_to.features([pair.to for pair in frames]),
             strict=True,
         )
         self.matches = [_Matches(*pair, _matched(*pair)) for pair in pairs]
+        self.apart_s = max((pair.apart_s for pair in frames), default=0.0)
 
     def fit(self, poses: Mapping[str, Pose]) -> MatchedImages | None:
         """Fit the transform between both cameras to the matches; None if too few agree.
@@ -206,14 +219,15 @@ class ImagePair:
         relative = fit_relative_pose(T_to @ inverse(T_source), points, rays)
         if relative is None:
             return None
+        errors = np.hypot(relative.sigmas, self.apart_s * np.repeat([SPEED_M_S, TURN_RAD_S], 3))
         return MatchedImages(
             to=self.to,
             source=self.source,
             T_to_source=rows(orthonormal(relative.T)),
             num_matches=int(relative.fits.sum()),
             num_frames=len(np.unique(frames[relative.fits])),
-            sigma_m=tuple(relative.sigmas[:3].tolist()),
-            sigma_deg=tuple(np.degrees(relative.sigmas[3:]).tolist()),
+            sigma_m=tuple(errors[:3].tolist()),
+            sigma_deg=tuple(np.degrees(errors[3:]).tolist()),
         )
 
 
