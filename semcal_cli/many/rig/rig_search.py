@@ -193,16 +193,22 @@ class RigImages:
         if any(current[name].used_camera != before.used_camera for name, before in self.alone.items()):
             return RigImages(self.data, current).settle(cameras)
         poses, sensors = _poses(current), dict[str, AdjustedSensor]()
+        own = {
+            name: Tie.of_calibration(name, FIRST_LIDAR, each, even_doubted=True)
+            for name, each in current.items()
+        }
+        known = {name: tie for name, tie in own.items() if tie is not None}
         for _ in range(NUM_ROUNDS):
             shown = fit_all(self.images.pairs, poses)
-            agreeing = [tie for tie in shown if not tie.is_contradicted_by(poses)]
+            agreeing = [
+                tie
+                for tie in shown
+                if {tie.to, tie.source} <= known.keys() and not tie.is_contradicted_by(poses)
+            ]
             for group in tied_groups(agreeing):
-                own = [
-                    Tie.of_calibration(name, FIRST_LIDAR, current[name], even_doubted=True) for name in group
-                ]
                 ties = [Tie.of_images(tie) for tie in agreeing if tie.to in group]
-                estimate = RigEstimate.fit([*(tie for tie in own if tie is not None), *ties])
-                doubted = [name for name in estimate.poses if not current[name].trusted]
+                estimate = RigEstimate.fit([*(known[name] for name in group), *ties])
+                doubted = [name for name in group if not current[name].trusted]
                 sensors |= {name: adjusted_sensor(name, estimate) for name in doubted}
                 poses |= {name: sensors[name].pose for name in doubted}
         for name, sensor in sensors.items():
