@@ -15,7 +15,7 @@ from test_rig import run
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, Drive, Motion, read_drive
-from semcal_cli.errors import InputError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Pose
@@ -28,7 +28,8 @@ from semcal_cli.many.rig.rig_data import RigData
 from semcal_cli.many.rig.rig_document import read_rig
 from semcal_cli.many.rig.rig_result import read_rig_result
 from semcal_cli.many.rig.rig_search import RigImages, RigPlaces, tied_groups
-from semcal_cli.result.calibration_document import read_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration
+from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.synthetic.synthesis import synthesize
 
 AZIMUTHS_DEG = {"front": 0.0, "left": 45.0, "rear": 180.0}
@@ -77,8 +78,9 @@ def turned_results(rig_of_three: Path, tmp_path_factory: pytest.TempPathFactory)
 
 
 def shown_of(to: str, source: str, T: Pose, sigma_deg: float = 0.1) -> MatchedImages:
-    sigmas = {"sigma_m": (0.01,) * 3, "sigma_deg": (sigma_deg,) * 3}
-    return MatchedImages(to=to, source=source, T_to_source=T.tolist(), num_matches=50, num_frames=3, **sigmas)
+    covariance = np.diag(np.repeat([0.01, np.radians(sigma_deg)], 3) ** 2).tolist()
+    of_features = {"num_matches": 50, "num_frames": 3}
+    return MatchedImages(to=to, source=source, T_to_source=T.tolist(), covariance=covariance, **of_features)
 
 
 @pytest.mark.parametrize("is_copied", [False, True])
@@ -125,6 +127,8 @@ def stamped(drive: Drive, later_s: float, **changes: object) -> Drive:
     ("later_s", "offset_s", "speed_m_s", "num_pairs"),
     [
         (0.0, 0.0, None, 1),
+        (0.015, 0.0, None, 1),
+        (0.015, 0.0, 0.0, 1),
         (0.05, 0.0, None, 0),
         (0.05, -0.05, None, 1),
         (0.05, 0.0, 0.0, 1),
@@ -149,7 +153,9 @@ def test_images_of_different_moments_are_not_compared(
     assert len(shown) == num_pairs
     # A car moves by 15 cm in 15 ms; the matches themselves tell the place to a few centimetres.
     apart_m = 0.0 if speed_m_s == 0.0 else 10.0 * abs(later_s + offset_s)
-    assert all((max(tie.sigma_m) >= 0.1) == (apart_m >= 0.1) for tie in shown)
+    variances = [np.diag(tie.covariance) for tie in shown]
+    assert all((max(each[:3]) >= 0.1**2) == (apart_m >= 0.1) for each in variances)
+    assert all((min(each[3:]) >= np.radians(0.14) ** 2) == (apart_m >= 0.1) for each in variances)
 
 
 def test_matches_on_one_object_tell_no_rotation() -> None:
@@ -233,7 +239,7 @@ def test_trusted_cameras_that_images_contradict_make_a_rig_doubtful(
     assert invoke("report", rig_of_three, file, "-o", page).exit_code == 0
     text = page.read_text()
     assert "The cameras contradict their images" in text
-    assert "from that of their calibrations, more than 1 degrees" in text
+    assert "from that of their calibrations, more than a degree" in text
     drives = read_rig(rig_of_three).read_drives()
     rig, _ = read_rig_result(read_rig(rig_of_three), drives, file)
     assert rig.status == "not_trusted"
@@ -242,6 +248,12 @@ def test_trusted_cameras_that_images_contradict_make_a_rig_doubtful(
         "frontrear": True,
         "leftrear": True,
     }
+    # A camera that is not trusted makes no pair of others doubtful.
+    left = out / "left.yaml"
+    changed = read_document(left) | {"status": "not_trusted", "reasons": ["it is a test"], "topics": ["test"]}
+    left.write_text(yaml.safe_dump(changed))
+    rig, _ = read_rig_result(read_rig(rig_of_three), drives, file)
+    assert [pair.is_doubted for pair in rig.pairs if {pair.a, pair.b} == {"front", "rear"}] == [False]
     shown["to"] = "nobody"
     file.write_text(yaml.safe_dump(document))
     refused = invoke("report", rig_of_three, file, "-o", page)
@@ -263,7 +275,53 @@ def test_the_pose_before_speaks_against_one_that_is_no_better(
         return again.status, again.topics
 
     assert judged(5.0) == ("trusted", ())
-    assert judged(0.01) == ("not_trusted", ("other-pose",))
+    assert judged(0.001) == ("not_trusted", ("other-pose",))
+
+
+def test_only_cameras_that_are_not_trusted_are_moved_to_their_images(
+    turned_results: tuple[Result, Path], rig_of_three: Path, drives: dict[str, Drive], truth: dict[str, Pose]
+) -> None:
+    """The images are sure, and the pose of one camera is wrong by less than a degree."""
+    results = {name: read_calibration(turned_results[1] / f"{name}.yaml") for name in OVERLAPPING}
+    wide = Uncertainty.from_covariance(
+        truth["left"], np.diag([0.1**2] * 3 + [np.radians(0.5) ** 2] * 3), np.full(6, 1e4)
+    )
+    off = apply_twist(truth["left"], np.radians([0.0, 0.0, 0.0, 0.0, 0.6, 0.0]))
+    data = RigData(read_rig(rig_of_three), drives, CalibrationConfig(cues=("edges",)), SweepCache())
+
+    def settled(status: str) -> dict[str, CalibrationDocument]:
+        left = {"status": status, "rows_camera_lidar": off.tolist(), "uncertainty": wide}
+        cameras = {
+            "front": results["front"].model_copy(update={"status": "trusted"}),
+            "left": results["left"].model_copy(update=left),
+        }
+        images, before = RigImages(data, cameras), dict(cameras)
+        shown = images.settle(cameras)
+        assert [(tie.source, tie.to) for tie in shown] == [("front", "left")]
+        assert cameras["front"] is before["front"]
+        return cameras
+
+    moved = settled("not_trusted")["left"]
+    assert moved.status == "not_trusted"
+    assert moved.notes[-1].startswith("overlapping images of the rig moved the camera by")
+    assert compare_poses(moved.pose, truth["left"]).rotation_deg < 0.3
+    assert np.array_equal(settled("trusted")["left"].pose, off)
+
+
+def test_a_camera_that_cannot_be_calibrated_again_keeps_what_it_had(
+    turned_results: tuple[Result, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise CalibrationError("too few points are seen")
+
+    monkeypatch.setattr(RigImages, "load_near", fail)
+    result = run(turned_results[1].parent / "rig", "--cue", "edges", "-o", tmp_path / "out")
+    assert result.exit_code == 3, result.output
+    notes = read_calibration(tmp_path / "out" / "left.yaml").notes
+    assert any(
+        "could not be calibrated again from the place by its images and front: too few" in note
+        for note in notes
+    )
 
 
 def test_what_cannot_be_matched_is_named(
@@ -286,6 +344,9 @@ def test_an_image_that_cannot_be_read_stops_nothing(rig_of_three: Path, tmp_path
     result = run(tmp_path / "rig", "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert "images of front and left were not matched" in " ".join(result.stderr.split())
+    rig = read_rig(tmp_path / "rig" / "rig.yaml")
+    read, _ = read_rig_result(rig, rig.read_drives(), tmp_path / "out" / "rig_calibration.yaml")
+    assert any("images of front and left were not matched" in note for note in read.notes)
 
 
 def test_where_nothing_overlaps_it_is_said(rig_of_three: Path, tmp_path: Path) -> None:

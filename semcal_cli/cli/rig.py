@@ -121,9 +121,9 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         adjustment,
         lidars,
         shown,
-        () if images is None else images.images.notes,
+        () if images is None else images.matched.notes,
     )
-    read = [rig.path, *(drive.path for drive in drives.values()), *(images.images.files if images else ())]
+    read = [rig.path, *(drive.path for drive in drives.values()), *(images.matched.files if images else ())]
     _write(result_of_rig, rig, drives, result, hash_files(read, result.parent, hashes))
     if settings.log is not None:
         logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
@@ -277,12 +277,15 @@ def _lines(calibration: RigCalibration, result: Path) -> list[str]:
 
 
 def _adjusted_lines(name: str, calibration: RigCalibration) -> list[str]:
-    """Describe how constraints moved a camera, and how well it is known since."""
+    """Describe how constraints or images moved a camera, and how well it is known since."""
     camera = calibration.cameras[name]
-    if STAGE not in camera.stages or camera.believed_uncertainty is None:
+    if STAGE not in camera.stages:
         return []
+    moved = wrapped(name, camera.notes[-1])
+    if camera.believed_uncertainty is None:
+        return moved
     center, rotation = intervals(camera.believed_uncertainty.half_widths)
-    return [*wrapped(name, camera.notes[-1]), labelled("95 % interval", center), labelled("", rotation)]
+    return [*moved, labelled("95 % interval", center), labelled("", rotation)]
 
 
 def _pair_lines(pair: RigPair) -> list[str]:

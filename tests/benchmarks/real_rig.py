@@ -1,8 +1,8 @@
-"""Prints a Markdown table: DDAD's cameras as one rig, by edges, each from 2 degrees and 0.2 m off.
+"""Prints a Markdown table: the cameras of a data set as one rig, by edges, each from 2 degrees and 0.2 m off.
 
-    python tests/benchmarks/real_rig.py ../shared/data [--cameras 6] [--starts 3]
+    python tests/benchmarks/real_rig.py ../shared/data [--rig ddad_scene] [--cameras 6] [--starts 3]
 
-The points are in the frame of the vehicle, and rays start on its roof, at the place that `ray_origin.py` finds. Each
+DDAD's points are in the frame of the vehicle, and rays start on its roof, at the place that `ray_origin.py` finds. Each
 rig is calibrated twice: its cameras alone, and with `match_images`.
 """
 
@@ -28,13 +28,13 @@ from semcal_cli.result.calibration_document import read_calibration
 ORIGIN_M = [1.38, 0.0, 1.63]
 
 
-def main(data: Path, *, cameras: int = 6, starts: int = 3) -> Iterator[str]:
+def main(data: Path, *, rig: str = "ddad_scene", cameras: int = 6, starts: int = 3) -> Iterator[str]:
     """Calibrate the rig from several starts, and compare its cameras with their published poses."""
     columns = (
         "start | cameras | deg: median, worst | cm: median, worst | within 1 deg, 20 cm | trusted | seconds"
     )
     yield from table(
-        columns, [row for start in range(starts) for row in _rows(data.resolve(), start, cameras)]
+        columns, [row for start in range(starts) for row in _rows(data.resolve() / rig, start, cameras)]
     )
 
 
@@ -69,12 +69,13 @@ def _rows(data: Path, start: int, cameras: int) -> Iterator[tuple[str, ...]]:
 def _written_rig(data: Path, folder: Path, start: int, cameras: int) -> dict[str, Pose]:
     """Write the drives of the rig's cameras, and return their published poses."""
     published = {}
-    for index, real in enumerate([*READERS["ddad_scene"](data / "ddad_scene", folder)][:cameras]):
+    for index, real in enumerate([*READERS[data.name](data, folder)][:cameras]):
         name, document = real.path.name, yaml.safe_load((real.path / DRIVE_FILE).read_text())
         published[name] = np.array(read_drive(real.path).T_camera_lidar)
         rng = np.random.default_rng(100 * start + index)
         T_start = displace(published[name], *STARTS["near"], rng)
-        document |= {"T_camera_lidar": T_start.tolist(), "lidar": {"origin_m": ORIGIN_M}}
+        document |= {"T_camera_lidar": T_start.tolist()}
+        document |= {"lidar": {"origin_m": ORIGIN_M}} if data.name == "ddad_scene" else {}
         (real.path / DRIVE_FILE).write_text(yaml.safe_dump(document))
     return published
 

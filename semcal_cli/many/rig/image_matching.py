@@ -26,6 +26,7 @@ from semcal_cli.geometry.arrays import Array, Numbers, Points, Pose, Rays, Vecto
 from semcal_cli.geometry.poses import inverse, orthonormal
 from semcal_cli.many.rig.matched_images import MatchedImages
 from semcal_cli.many.rig.relative_pose import GATES_DEG, fit_relative_pose
+from semcal_cli.many.rig.rig_estimate import symmetric
 from semcal_cli.many.rig.rig_uncertainty import rows
 from semcal_cli.many.rig.shared_clouds import cloud_path, content_key
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
@@ -38,7 +39,8 @@ MAX_APART_S = 0.02
 """Longest time between two images that are matched: that of neighbouring cameras which a LiDAR of 10 turns a second
 triggers as it passes by."""
 SPEED_M_S, TURN_RAD_S = 10.0, math.radians(10.0)
-"""Standard deviations of the speed and the turn of a rig meanwhile: those of a car in a town."""
+"""Standard deviations of the speed and the turn of a rig meanwhile: those of a car in a town, or a stated speed if
+that is higher."""
 MAX_FRAMES = 10
 """Largest number of frames of two cameras whose images are matched."""
 PIXEL_DEG = 0.1
@@ -135,9 +137,9 @@ class CameraImages:
         return frames
 
     def files(self) -> list[Path]:
-        """List the images and clouds that were read."""
-        frames = [self.drive.frames[at] for at in sorted(self._features)]
-        return [self.drive.resolve(name) for frame in frames for name in (frame.image, frame.points) if name]
+        """List the files of the frames that were matched."""
+        matched = with_frames(self.drive, sorted(self._features))
+        return [*map(self.drive.resolve, matched.files())] if self._features else []
 
     def pairs_with(self, other: CameraImages) -> list[FramePair]:
         """Pair frames of one cloud whose images are of nearly one moment: for each cloud, the nearest two."""
@@ -203,6 +205,11 @@ class ImagePair:
         )
         self.matches = [_Matches(*pair, _matched(*pair)) for pair in pairs]
         self.apart_s = max((pair.apart_s for pair in frames), default=0.0)
+        motions = of_source.drive.motion, of_to.drive.motion
+        stated = [
+            motion.speed_m_s for motion in motions if motion is not None and motion.speed_m_s is not None
+        ]
+        self.speed_m_s = max([SPEED_M_S, *stated])
 
     def fit(self, poses: Mapping[str, Pose]) -> MatchedImages | None:
         """Fit the transform between both cameras to the matches; None if too few agree.
@@ -219,15 +226,14 @@ class ImagePair:
         relative = fit_relative_pose(T_to @ inverse(T_source), points, rays)
         if relative is None:
             return None
-        errors = np.hypot(relative.sigmas, self.apart_s * np.repeat([SPEED_M_S, TURN_RAD_S], 3))
+        moved = self.apart_s * np.repeat([self.speed_m_s, TURN_RAD_S], 3)
         return MatchedImages(
             to=self.to,
             source=self.source,
             T_to_source=rows(orthonormal(relative.T)),
             num_matches=int(relative.fits.sum()),
             num_frames=len(np.unique(frames[relative.fits])),
-            sigma_m=tuple(errors[:3].tolist()),
-            sigma_deg=tuple(np.degrees(errors[3:]).tolist()),
+            covariance=rows(symmetric(relative.covariance) + np.diag(moved**2)),
         )
 
 
@@ -236,9 +242,9 @@ class PairedImages(NamedTuple):
 
     pairs: tuple[ImagePair, ...]
     files: tuple[Path, ...]
-    """Images and clouds that were read."""
+    """Files of the frames that were matched."""
     notes: tuple[str, ...]
-    """Cameras whose images cannot be read, and why."""
+    """Pairs of cameras whose images cannot be read, and why."""
 
 
 def pair_images(drives: Mapping[str, Drive], poses: Mapping[str, Pose], sweeps: SweepCache) -> PairedImages:
@@ -268,7 +274,7 @@ def fit_all(pairs: Iterable[ImagePair], poses: Mapping[str, Pose]) -> list[Match
 
 
 def _may_overlap(drives: Mapping[str, Drive], poses: Mapping[str, Pose], source: str, to: str) -> bool:
-    """Whether the views of two cameras overlap, or would if poses were off by as much as is allowed."""
+    """Whether the views of two cameras overlap, or could if both poses together were off by the first gate."""
     T = poses[to] @ inverse(poses[source])
     between = math.acos(np.clip(T[2, 2], -1.0, 1.0))
     return between < _reach(drives[source]) + _reach(drives[to]) + math.radians(GATES_DEG[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated
 
@@ -10,14 +11,15 @@ from pydantic import Field
 
 from semcal_cli.config.file_limits import MAX_CAMERAS
 from semcal_cli.errors import counted
-from semcal_cli.files.validation import Count, StatedTransform, StrictModel, Width, Widths
+from semcal_cli.files.validation import Count, StatedTransform, StrictModel, Width
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import PoseError, compare_poses, inverse
 from semcal_cli.readable import figure, lengths
+from semcal_cli.result.uncertainty import Covariance
 
 AGREE_DEG = 1.0
-"""Largest angle between what images show of two cameras and their calibrations. What images show is up to 0.9 degrees
-from the published poses of DDAD (`tests/benchmarks/image_matching.py`)."""
+"""Largest angle between what images show of two cameras and their calibrations, in degrees. What images show is up to
+0.8 degrees from the published poses of DDAD (`tests/benchmarks/image_matching.py`)."""
 AGREE_SIGMAS = 3.0
 """The same in standard errors, where these are larger."""
 MAX_IMAGE_PAIRS = MAX_CAMERAS * (MAX_CAMERAS - 1) // 2
@@ -39,10 +41,9 @@ class MatchedImages(StrictModel):
     """Number of matched features that fit it."""
     num_frames: Count
     """Number of frames that they are in."""
-    sigma_m: Widths
-    """Standard errors of the position along the axes of `to`, by the scatter of the matches, in metres."""
-    sigma_deg: Widths
-    """Standard errors of the rotation about them, in degrees."""
+    covariance: Covariance
+    """Covariance of a twist on its left, square metres and radians, in the frame of `to`: by the scatter of the
+    matches, and by what a rig may move between the images."""
 
     @property
     def pose(self) -> Pose:
@@ -52,7 +53,7 @@ class MatchedImages(StrictModel):
     @property
     def spread_deg(self) -> float:
         """Standard error of the rotation, over three axes, in degrees."""
-        return float(np.linalg.norm(self.sigma_deg))
+        return math.degrees(math.sqrt(np.trace(np.array(self.covariance)[3:, 3:])))
 
     @property
     def most_apart_deg(self) -> float:
@@ -98,7 +99,8 @@ class ComparedImages(MatchedImages):
     @property
     def reason(self) -> str:
         """Describe a difference that is too large, and what to do."""
+        limit = "a degree" if self.most_apart_deg == AGREE_DEG else f"{figure(self.most_apart_deg)} degrees"
         return (
-            f"{self.sentence}, more than {self.most_apart_deg:.2g} degrees: check the drives of both, that their "
+            f"{self.sentence}, more than {limit}: check the drives of both, that their "
             "images are of one moment, and K"
         )

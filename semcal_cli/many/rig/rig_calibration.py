@@ -164,7 +164,10 @@ def combine(
     compared = None if images is None else tuple(ComparedImages.beside(shown, poses) for shown in images)
     pairs, doubted = [], set[str]() if adjustment is None else {*adjustment.doubted}
     doubted |= {
-        name for shown in compared or () if shown.is_contradicted for name in (shown.to, shown.source)
+        name
+        for shown in compared or ()
+        if shown.is_contradicted and all(cameras[end].is_believed for end in (shown.to, shown.source))
+        for name in (shown.to, shown.source)
     }
     for a, b in combinations(first_cameras(rig, cameras), 2):
         reference, T_a, T_b = None, drives[a].T_camera_lidar, drives[b].T_camera_lidar
@@ -190,7 +193,7 @@ def describe_rig(
         rig: Calibrations of the rig.
         files: File of each camera's calibration, relative to this document.
         source: The rig.yaml, relative to this document.
-        hashes: SHA-256 of the rig.yaml and of the drive.yaml of each camera.
+        hashes: SHA-256 of the rig.yaml, of the drive.yaml of each camera, and of what images were matched with.
     """
     views = {name: _describe_camera(name, rig, files) for name in (*rig.failures, *rig.cameras)}
     lidars = {lidar.name: _describe_lidar(lidar, views) for lidar in rig.lidars}
@@ -202,6 +205,7 @@ def describe_rig(
         "cameras": {name: view for name, view in views.items() if name not in rig.further_views},
         "pairs": [pair.describe() for pair in rig.pairs],
         **({} if rig.images is None else {"images": [shown.model_dump() for shown in rig.images]}),
+        **({"image_notes": list(rig.image_notes)} if rig.image_notes else {}),
         **({"lidars": lidars} if lidars else {}),
         **(
             {} if rig.adjustment is None else {"adjustment": rig.adjustment.describe(with_loops=bool(lidars))}

@@ -115,8 +115,9 @@ class Rig(StrictModel):
     """Reference transforms between LiDARs, like T_camera_camera. They are also where a registration starts if no camera
     sees both LiDARs."""
     match_images: bool = False
-    """Whether the images of cameras of the first LiDAR are matched where they overlap. A camera that they contradict is
-    calibrated again, from where they place it."""
+    """Whether the images of cameras of the first LiDAR are matched where they overlap. A camera that is not trusted,
+    and that they contradict, is calibrated again from where they place it; those that are not trusted are then moved
+    to what they and the images say together."""
 
     _path: Path = PrivateAttr(default=Path(RIG_FILE))
 

@@ -134,6 +134,8 @@ class RigResult(StrictModel):
     """Transform between each pair of cameras; it is recomputed when needed."""
     images: Annotated[tuple[ComparedImages, ...], length(0, MAX_IMAGE_PAIRS)] | None = None
     """What overlapping images show of two cameras; absent unless the rig asks for it."""
+    image_notes: Annotated[tuple[str, ...], length(0, MAX_IMAGE_PAIRS)] = ()
+    """Images that could not be matched; absent if all could."""
     lidars: dict[str, LidarResult] = {}
     """Result of each further LiDAR; absent for a rig of one LiDAR."""
     num_sweeps: int
@@ -299,8 +301,17 @@ def read_rig_result(
     lidars = tuple(
         lidar.calibration(name, rig, drives, result.adjustment) for name, lidar in result.lidars.items()
     )
-    adjustment, num_sweeps = result.adjustment, result.num_sweeps
-    of_rig = combine(rig, drives, cameras, failures, num_sweeps, adjustment, lidars, result.images)
+    of_rig = combine(
+        rig,
+        drives,
+        cameras,
+        failures,
+        result.num_sweeps,
+        result.adjustment,
+        lidars,
+        result.images,
+        result.image_notes,
+    )
     return of_rig, files
 
 

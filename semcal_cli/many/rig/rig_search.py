@@ -11,6 +11,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from semcal_cli import core
 from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.config import ExactConfig
@@ -46,9 +48,11 @@ NUM_STARTS, SPREAD_DEG, SPREAD_M, FARTHEST_DEG, FARTHEST_M = (
     2.0,
     0.5,
 )
-"""Starts around a pose that images show: from wrong poses of the cameras, it may be a degree off
+"""Starts around a pose that images show: from wrong poses of the cameras, it may be two degrees off
 (`tests/benchmarks/image_matching.py`)."""
 
+OTHER_POSE = "other-pose"
+"""Topic of the finding that another pose explains the data."""
 NUM_ROUNDS = 2
 """Number of estimates with cameras that are not trusted: one may agree with its images only once others have moved."""
 
@@ -96,7 +100,7 @@ class RigImages:
         """
         self.data, self.alone = data, first_cameras(data.rig, cameras)
         drives = {name: _used(data.drives[name], before) for name, before in self.alone.items()}
-        self.images = pair_images(drives, _poses(self.alone), data.sweeps)
+        self.matched = pair_images(drives, _poses(self.alone), data.sweeps)
 
     @staticmethod
     def check(data: RigData) -> None:
@@ -120,7 +124,7 @@ class RigImages:
             InputError: as `load`.
             CalibrationError: as `load`.
         """
-        poses, pairs = _poses(self.alone), self.images.pairs
+        poses, pairs = _poses(self.alone), self.matched.pairs
         shown, starts = fit_all(pairs, poses), dict[str, InitialPose]()
         for group in tied_groups(shown):
             if any(tie.to in group and tie.is_contradicted_by(poses) for tie in shown):
@@ -164,20 +168,28 @@ class RigImages:
             f"and {figure(away.camera_center_cm)} cm from where it had alone"
         )
         changes: dict[str, object] = {"notes": (*again.notes, note)}
-        if again.trusted:
-            seen = self.data.seen(name, again, again.pose)
-            if rival := findings_among(
-                check_rivals(seen, again.pose, again.uncertainty, known=[before.pose])
-            ):
-                changes |= {
-                    "status": "not_trusted",
-                    "reasons": tuple(finding.sentence for finding in rival),
-                    "topics": tuple(finding.topic for finding in rival),
-                }
+        if again.trusted and (doubt := self._doubt(name, again)) is not None:
+            reason, topic = doubt
+            changes |= {"status": "not_trusted", "reasons": (reason,), "topics": (topic,)}
         return again.model_copy(update=changes)
+
+    def _doubt(self, name: str, again: CalibrationDocument) -> tuple[str, str] | None:
+        """Give a reason, with its topic, why the pose before speaks against a trusted one; None if it does not."""
+        before, uncertainty = self.alone[name].pose, again.uncertainty
+        offsets = np.abs(compare_poses(before, again.pose).offsets)
+        if uncertainty is not None and (offsets <= uncertainty.half_widths).all():
+            return (
+                "it ended where it had alone, which its images contradict: add frames from other places",
+                OTHER_POSE,
+            )
+        seen = self.data.seen(name, again, again.pose)
+        findings = findings_among(check_rivals(seen, again.pose, uncertainty, known=[before]))
+        return next(((finding.sentence, finding.topic) for finding in findings), None)
 
     def settle(self, cameras: dict[str, CalibrationDocument]) -> tuple[MatchedImages, ...]:
         """Move cameras that are not trusted to what they and their images say together.
+
+        Trusted cameras take part by their covariance, and stay where they are.
 
         Args:
             cameras: Calibration of each camera that has one; those that are moved are replaced.
@@ -190,16 +202,18 @@ class RigImages:
             CalibrationError: as `load`.
         """
         current = {name: cameras[name] for name in self.alone}
-        if any(current[name].used_camera != before.used_camera for name, before in self.alone.items()):
-            return RigImages(self.data, current).settle(cameras)
-        poses, sensors = _poses(current), dict[str, AdjustedSensor]()
+        drives = {name: _used(self.data.drives[name], each) for name, each in current.items()}
+        if any(drives[name] != _used(self.data.drives[name], before) for name, before in self.alone.items()):
+            self.matched = pair_images(drives, _poses(current), self.data.sweeps)
+        poses = _poses(current)
         own = {
             name: Tie.of_calibration(name, FIRST_LIDAR, each, even_doubted=True)
             for name, each in current.items()
         }
         known = {name: tie for name, tie in own.items() if tie is not None}
         for _ in range(NUM_ROUNDS):
-            shown = fit_all(self.images.pairs, poses)
+            sensors = dict[str, AdjustedSensor]()
+            shown = fit_all(self.matched.pairs, poses)
             agreeing = [
                 tie
                 for tie in shown
@@ -250,8 +264,8 @@ def best_places(
 ) -> RigPlaces:
     """Choose the camera whose pose gives all cameras that images tie the most information.
 
-    If some are trusted, it is one of these. The images are then compared again with the cameras where it places them:
-    how far features are away depends a little on the poses.
+    Only trusted ones are candidates if there are any. The images are then compared again with the cameras where the
+    chosen one places them: how far features are away depends a little on the poses.
 
     Args:
         names: Cameras that images tie.

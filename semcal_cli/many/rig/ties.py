@@ -61,8 +61,7 @@ class Tie:
     @classmethod
     def of_images(cls, shown: MatchedImages) -> Tie:
         """Make the tie of what images show of two cameras."""
-        covariance = np.diag(np.array([*shown.sigma_m, *np.radians(shown.sigma_deg)]) ** 2)
-        return cls("constraint", shown.to, shown.source, shown.pose, covariance)
+        return cls("constraint", shown.to, shown.source, shown.pose, np.array(shown.covariance))
 
     @property
     def ends(self) -> tuple[str, str]:
