@@ -174,7 +174,7 @@ class RigImages:
         return again.model_copy(update=changes)
 
     def _doubt(self, name: str, again: CalibrationDocument) -> tuple[str, str] | None:
-        """Give a reason, with its topic, why the pose before speaks against a trusted one; None if it does not."""
+        """Return the reason, and its topic, by which the pose before speaks against a trusted one; None without one."""
         before, uncertainty = self.alone[name].pose, again.uncertainty
         offsets = np.abs(compare_poses(before, again.pose).offsets)
         if uncertainty is not None and (offsets <= uncertainty.half_widths).all():
