@@ -69,6 +69,7 @@ RUNS = {
     "report.py --frames 2 --width 320 --runs 1": 1,
     "rig.py --seeds 1 --cameras 2 --frames 2 --width 160": 1,
     "rig_constraints.py --seeds 1 --cameras 2 --frames 2 --width 320": 1,
+    "stereo_rig.py DATA --max-frames 2": 2,
     "rig_lidars.py --seeds 1 --frames 3 --width 320": 3,
     "same_results.py --before SEMCAL --after SEMCAL --work OUT/work --cases CASES --only inspect": 0,
     "segmentation.py --rounds 1 --frames 1 --columns 100": 3,
