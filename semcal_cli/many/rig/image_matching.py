@@ -70,13 +70,20 @@ class _Features(NamedTuple):
         """Compute the ranges (K,) of features, by their indices, by the points around them; NaN where not certain."""
         from scipy.spatial import cKDTree
 
+        rays = self.rays[features]
+        if not len(rays):
+            return np.zeros(0)
         points = self.points @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3]
         ranges = np.linalg.norm(points, axis=1)
-        is_seen = ranges > 0.0
-        points, ranges = points[is_seen], ranges[is_seen]
+        # Most points are far from all features, and would only make the tree larger.
+        middle = rays.mean(axis=0)
+        farthest = math.acos(np.clip((rays @ middle).min() / np.linalg.norm(middle), -1.0, 1.0))
+        reach = min(farthest + math.radians(NEAR_DEG), math.pi)
+        is_near = (ranges > 0.0) & (points @ middle >= math.cos(reach) * np.linalg.norm(middle) * ranges)
+        points, ranges = points[is_near], ranges[is_near]
         chord = 2.0 * math.sin(math.radians(NEAR_DEG) / 2.0)
         tree = cKDTree(points / ranges[:, None])
-        _, nearest = tree.query(self.rays[features], NUM_NEAR, distance_upper_bound=chord)
+        _, nearest = tree.query(rays, NUM_NEAR, distance_upper_bound=chord)
         around = np.append(ranges, np.nan)[nearest]
         is_certain = np.max(around, axis=1) <= SPREAD * np.min(around, axis=1)
         return np.where(is_certain, np.median(around, axis=1), np.nan)

@@ -7,9 +7,9 @@ together have of information there decides which one is believed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.events import Listener
-from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, inverse
 from semcal_cli.many.rig.adjusted_calibration import adjusted_calibration
@@ -31,6 +30,7 @@ from semcal_cli.many.rig.rig_data import RigData
 from semcal_cli.many.rig.rig_document import FIRST_LIDAR
 from semcal_cli.many.rig.rig_estimate import RigEstimate
 from semcal_cli.many.rig.rig_uncertainty import AdjustedSensor, adjusted_sensor
+from semcal_cli.many.rig.shared_clouds import merge_overlapping
 from semcal_cli.many.rig.ties import Tie
 from semcal_cli.observations.cues.cue_table import choose_cues, policy_of
 from semcal_cli.observations.frame_selection import with_frames
@@ -41,18 +41,15 @@ from semcal_cli.result.calibration_document import CalibrationDocument
 
 BLOCK_PX = 4
 """Side of the blocks on which poses are compared, pixels: what images show is a few pixels off."""
-NUM_STARTS, SPREAD_DEG, SPREAD_M, FARTHEST_DEG, FARTHEST_M = (
-    (24, 12, 6, 4),
-    (0.3, 1.2),
-    (0.05, 0.25),
-    2.0,
-    0.5,
-)
+NARROW_STARTS: dict[str, Any] = {
+    "num_starts": (24, 12, 6, 4),
+    "spread_deg": (0.3, 1.2),
+    "spread_m": (0.05, 0.25),
+    "farthest_deg": 2.0,
+    "farthest_m": 0.5,
+}
 """Starts around a pose that images show: from wrong poses of the cameras, it may be two degrees off
 (`tests/benchmarks/image_matching.py`)."""
-
-OTHER_POSE = "other-pose"
-"""Topic of the finding that another pose explains the data."""
 NUM_ROUNDS = 2
 """Number of estimates with cameras that are not trusted: one may agree with its images only once others have moved."""
 
@@ -144,14 +141,7 @@ class RigImages:
         starts = data.observations.starts
         if starts is None:
             return data
-        narrow = replace(
-            starts,
-            num_starts=NUM_STARTS,
-            spread_deg=SPREAD_DEG,
-            spread_m=SPREAD_M,
-            farthest_deg=FARTHEST_DEG,
-            farthest_m=FARTHEST_M,
-        )
+        narrow = replace(starts, **NARROW_STARTS)
         return replace(data, observations=replace(data.observations, starts=narrow))
 
     def judged(self, name: str, again: CalibrationDocument) -> CalibrationDocument:
@@ -176,15 +166,13 @@ class RigImages:
     def _doubt(self, name: str, again: CalibrationDocument) -> tuple[str, str] | None:
         """Return the reason, and its topic, by which the pose before speaks against a trusted one; None without one."""
         before, uncertainty = self.alone[name].pose, again.uncertainty
+        seen = self.data.seen(name, again, again.pose)
+        (measured,) = check_rivals(seen, again.pose, uncertainty, known=[before])
         offsets = np.abs(compare_poses(before, again.pose).offsets)
         if uncertainty is not None and (offsets <= uncertainty.half_widths).all():
-            return (
-                "it ended where it had alone, which its images contradict: add frames from other places",
-                OTHER_POSE,
-            )
-        seen = self.data.seen(name, again, again.pose)
-        findings = findings_among(check_rivals(seen, again.pose, uncertainty, known=[before]))
-        return next(((finding.sentence, finding.topic) for finding in findings), None)
+            reason = "it ended where it had alone, which its images contradict: add frames from other places"
+            return reason, measured.topic
+        return None if measured.finding is None else (measured.finding.sentence, measured.topic)
 
     def settle(self, cameras: dict[str, CalibrationDocument]) -> tuple[MatchedImages, ...]:
         """Move cameras that are not trusted to what they and their images say together.
@@ -247,12 +235,9 @@ def _used(drive: Drive, calibration: CalibrationDocument) -> Drive:
 
 def tied_groups(shown: Sequence[MatchedImages]) -> list[list[str]]:
     """Group the cameras that images tie, directly or through others."""
-    groups: list[list[str]] = []
-    for tie in shown:
-        joined = [group for group in groups if tie.to in group or tie.source in group]
-        names = [*(name for group in joined for name in group), tie.source, tie.to]
-        groups = [*(group for group in groups if group not in joined), list(dict.fromkeys(names))]
-    return groups
+    ties = ([tie.source, tie.to] for tie in shown)
+    merged = merge_overlapping((ends, set[Hashable](ends)) for ends in ties)
+    return [list(dict.fromkeys(names)) for names, _ in merged]
 
 
 def best_places(

@@ -57,9 +57,7 @@ def check_one_lidar(key: str, drives: Mapping[str, Drive], constrained: Iterable
                 "expected the same LiDAR"
             )
     tied = [[name for name in names if name in drives] for names in constrained]
-    groups = _merge_overlapping(
-        (names, set[Hashable](names)) for names in [*connected_cameras(drives), *tied]
-    )
+    groups = merge_overlapping((names, set[Hashable](names)) for names in [*connected_cameras(drives), *tied])
     group, *other_groups = [list(dict.fromkeys(names)) for names, _ in groups if names] or [[]]
     if other_groups:
         separate, connected = (
@@ -164,10 +162,10 @@ def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
     files = {
         name: {cloud_path(drive, frame.points) for frame in drive.frames} for name, drive in drives.items()
     }
-    groups = _merge_overlapping(([name], set[Hashable](files[name])) for name in drives)
+    groups = merge_overlapping(([name], set[Hashable](files[name])) for name in drives)
     if len(groups) > 1:
         clouds = [(names, set().union(*(files[name] for name in names))) for names, _ in groups]
-        groups = _merge_overlapping(
+        groups = merge_overlapping(
             (names, {content_key(path) for path in paths})
             for names, paths in clouds
             if all(os.access(path, os.R_OK) and path.is_file() for path in paths)
@@ -191,7 +189,7 @@ def content_key(path: Path) -> tuple[int, bytes]:
         return size, sha256(file.read(SAMPLE_BYTES)).digest()
 
 
-def _merge_overlapping(groups: Iterable[_CameraGroup]) -> list[_CameraGroup]:
+def merge_overlapping(groups: Iterable[_CameraGroup]) -> list[_CameraGroup]:
     """Join the groups whose clouds overlap."""
     merged: list[_CameraGroup] = []
     for names, clouds in groups:
