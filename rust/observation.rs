@@ -153,16 +153,18 @@ impl Observations {
 
     /// Calls `with` with each row of the joint histogram to which a point contributes: that of its class, or those
     /// of its segments.
+    #[inline(always)]
     pub fn for_rows(&self, frame: usize, point: usize, class: u8, mut with: impl FnMut(usize)) {
         match &self.frames[frame].partitions {
             None => with(usize::from(class)),
-            Some(partitions) => {
-                partitions
-                    .rows(point)
-                    .iter()
-                    .for_each(|&row| with(self.first_rows[frame] + usize::from(row)));
-            }
+            Some(partitions) => self.for_segments(partitions, frame, point, &mut with),
         }
+    }
+
+    /// Apart, so that points without segments are fast.
+    #[inline(never)]
+    fn for_segments(&self, partitions: &Partitions, frame: usize, point: usize, with: &mut dyn FnMut(usize)) {
+        partitions.rows(point).iter().for_each(|&row| with(self.first_rows[frame] + usize::from(row)));
     }
 
     /// The number of the scene of a frame. Standard errors sum over the frames of a scene before they are squared.

@@ -111,7 +111,10 @@ pub fn project_points<'a>(
     let is_behind = |[x, y, z]: [f32; 3]| axis.x * x + axis.y * y + axis.z * z < behind;
     let left = points.into_iter().filter(|(_, point)| min_cosine < 0.0 || !is_behind(**point));
     let in_camera = left.map(|(index, point)| (index, to_camera(point)));
-    project(camera, in_camera.filter(|(_, p_camera)| p_camera.z >= min_cosine * p_camera.norm()))
+    // Squares with their signs, which grow with the numbers: no root is needed.
+    let min_square = min_cosine * min_cosine.abs();
+    let is_in_cone = |p: &Vector3<f64>| p.z * p.z.abs() >= min_square * p.norm_squared();
+    project(camera, in_camera.filter(|(_, p_camera)| is_in_cone(p_camera)))
 }
 
 fn to_camera(t_camera_lidar: &Isometry3<f64>) -> impl Fn(&[f32; 3]) -> Vector3<f64> + use<> {
@@ -158,9 +161,9 @@ pub fn hidden(
     // Unit directions from the LiDAR and from the camera, each in its own frame.
     let directions =
         |point: &Projected| ((to_f64(&points[point.index]) - origin).normalize(), point.p_camera.normalize());
-    let is_hidden = |far: &Projected| {
+    let is_hidden = |(far, block): (&Projected, &u32)| {
         let range2 = MAX_OCCLUDER_RANGE * MAX_OCCLUDER_RANGE * far.range2();
-        if !buffer.has_nearer_around(&far.pixel, range2) {
+        if buffer.min_around[*block as usize] >= range2 {
             return false;
         }
         let (far_lidar, far_camera) = directions(far);
@@ -170,7 +173,7 @@ pub fn hidden(
             (near_lidar - far_lidar).norm() > (near_camera - far_camera).norm() + ROUND_OFF
         })
     };
-    projected.iter().map(is_hidden).collect()
+    projected.iter().zip(&buffer.block_of).map(is_hidden).collect()
 }
 
 /// A coarse z-buffer: the nearest of the points that project into each square block.
@@ -178,6 +181,8 @@ struct NearestReturns<'a> {
     block: f64,
     columns: usize,
     rows: usize,
+    /// The block of each point.
+    block_of: Vec<u32>,
     /// Squared ranges, infinite in blocks without a point, and the points: most are compared only by range.
     nearest: Vec<(f64, Option<&'a Projected>)>,
     /// Smallest squared range in the 3 x 3 blocks around each: most points are no farther, and need no further
@@ -190,10 +195,13 @@ impl<'a> NearestReturns<'a> {
         let blocks = |size: usize| (size as f64 / block).ceil() as usize;
         let (columns, rows) = (blocks(camera.width), blocks(camera.height));
         let nearest = vec![(f64::INFINITY, None); columns * rows];
-        let mut buffer = Self { block, columns, rows, nearest, min_around: Vec::new() };
+        let block_of = Vec::with_capacity(projected.len());
+        let mut buffer = Self { block, columns, rows, block_of, nearest, min_around: Vec::new() };
         for point in projected {
             let (column, row) = buffer.at(&point.pixel);
-            let nearest = &mut buffer.nearest[row * columns + column];
+            let index = row * columns + column;
+            buffer.block_of.push(index as u32);
+            let nearest = &mut buffer.nearest[index];
             let range2 = point.range2();
             if range2 < nearest.0 {
                 *nearest = (range2, Some(point));
@@ -222,13 +230,9 @@ impl<'a> NearestReturns<'a> {
             .collect()
     }
 
-    fn has_nearer_around(&self, pixel: &Point2<f64>, range2: f64) -> bool {
-        let (column, row) = self.at(pixel);
-        self.min_around[row * self.columns + column] < range2
-    }
-
     fn at(&self, pixel: &Point2<f64>) -> (usize, usize) {
-        let index = |x: f64, count: usize| (((x + 0.5) / self.block) as usize).min(count - 1);
+        // Conversions of 32 bits are faster than those of 64, and no image is that wide.
+        let index = |x: f64, count: usize| (((x + 0.5) / self.block) as u32 as usize).min(count - 1);
         (index(pixel.x, self.columns), index(pixel.y, self.rows))
     }
 

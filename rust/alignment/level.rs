@@ -15,7 +15,7 @@ use super::sample::{Mixed, Sample, Weights};
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
-use crate::pyramid::{Sampled, ShareMap};
+use crate::pyramid::{AnyCorners, Corners, DenseMap, LabelMap, Sampled, ShareMap};
 use crate::thinning::{is_thinned, stride, thinned};
 use crate::visibility::project_points;
 
@@ -27,6 +27,19 @@ const NUM_PROJECTED: usize = 4096;
 /// least two tasks for a mini-batch of the refinement. With partitions, each task has a histogram of many rows.
 const CHUNK: usize = 2048;
 const CHUNK_WITH_PARTITIONS: usize = 8192;
+
+/// Calls with the maps of all frames, in the form that is fastest to read: cues with levels, such as edges, have eight.
+macro_rules! with_maps {
+    ($maps:expr, $name:ident => $call:expr) => {
+        if let Some($name) = $crate::alignment::level::dense_maps::<8>($maps) {
+            $call
+        } else {
+            let $name: Vec<&ShareMap> = $maps.iter().map(|map| map.as_ref()).collect();
+            $call
+        }
+    };
+}
+pub(super) use with_maps;
 
 /// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
@@ -92,6 +105,16 @@ impl Level {
         at: &Projection<'_>,
         weights: Weights,
     ) -> (JointHistogram, Vec<Vec<Mixed>>) {
+        with_maps!(&self.maps, maps => self.joint_and_mixed_on(&maps, samples, at, weights))
+    }
+
+    fn joint_and_mixed_on(
+        &self,
+        maps: &[impl LabelMap],
+        samples: &[Sample],
+        at: &Projection<'_>,
+        weights: Weights,
+    ) -> (JointHistogram, Vec<Vec<Mixed>>) {
         let of_chunk = |chunk: &[Sample]| {
             let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::with_capacity(chunk.len()));
             let mut projected = Vec::with_capacity(RUN);
@@ -102,10 +125,10 @@ impl Level {
                     .iter()
                     .zip(&projected)
                     .filter_map(|(sample, place)| Some((sample, &place.as_ref()?.1)));
-                self.touch(pixels);
+                touch(maps, pixels);
                 for (sample, place) in run.iter().zip(&projected) {
                     let &Some((p_camera, pixel)) = place else { continue };
-                    let sampled = self.shares_under(sample, &pixel);
+                    let sampled = maps[sample.frame as usize].at(&pixel);
                     let sample = Sample { weight: weights.of(sample, &sampled), ..*sample };
                     self.add(&mut joint, &sample, &sampled);
                     if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
@@ -123,7 +146,8 @@ impl Level {
     }
 
     /// Adds the shares under a sample to each of its rows.
-    pub(super) fn add(&self, joint: &mut JointHistogram, sample: &Sample, sampled: &Sampled) {
+    #[inline(always)]
+    pub(super) fn add(&self, joint: &mut JointHistogram, sample: &Sample, sampled: &Sampled<impl Corners>) {
         let &Sample { class, frame, point, weight, .. } = sample;
         self.observations.for_rows(frame as usize, point as usize, class, |row| {
             sampled.add_to(joint.row_mut(row), f64::from(weight));
@@ -131,15 +155,8 @@ impl Level {
     }
 
     /// Class shares under a pixel of a sample's frame.
-    pub(super) fn shares_under(&self, sample: &Sample, pixel: &Point2<f64>) -> Sampled<'_> {
-        self.maps[sample.frame as usize].at(pixel)
-    }
-
-    /// Fetches the blocks under the pixels of samples from memory.
-    pub(super) fn touch<'a>(&self, pixels: impl Iterator<Item = (&'a Sample, &'a Point2<f64>)>) {
-        let read =
-            pixels.fold(0, |read, (sample, pixel)| read ^ self.maps[sample.frame as usize].touch(pixel));
-        black_box(read);
+    pub(super) fn shares_under(&self, sample: &Sample, pixel: &Point2<f64>) -> Sampled<AnyCorners<'_>> {
+        self.maps[sample.frame as usize].as_ref().at(pixel)
     }
 
     pub fn empty_joint(&self) -> JointHistogram {
@@ -211,6 +228,16 @@ impl Level {
         };
         PairValues { observations: &self.observations, table }
     }
+}
+
+/// The maps, if all have blocks of `N` classes each.
+pub(super) fn dense_maps<const N: usize>(maps: &[Arc<ShareMap>]) -> Option<Vec<DenseMap<'_, N>>> {
+    maps.iter().map(|map| map.dense()).collect()
+}
+
+/// Fetches the blocks under the pixels of samples from memory.
+pub(super) fn touch<'a>(maps: &[impl LabelMap], pixels: impl Iterator<Item = (&'a Sample, &'a Point2<f64>)>) {
+    black_box(pixels.fold(0, |read, (sample, pixel)| read ^ maps[sample.frame as usize].touch(pixel)));
 }
 
 /// Number of points with a class inside the images of all frames, at the pose that sees the most of them, estimated from

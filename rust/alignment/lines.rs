@@ -13,7 +13,7 @@ use super::sample::{Counted, Sample};
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
-use crate::pyramid::Sampled;
+use crate::pyramid::{AnyCorners, Sampled};
 
 /// Radii (pixels) tried to find how far a point may move within one class.
 const RADII: [usize; 5] = [2, 4, 8, 16, 32];
@@ -159,7 +159,7 @@ impl Level {
                 self.add(
                     &mut constant[count - 1],
                     &samples[index],
-                    &Sampled::Uniform(interiors[index].class),
+                    &Sampled::<AnyCorners>::Uniform(interiors[index].class),
                 );
             }
         }

@@ -146,6 +146,7 @@ impl Projection<'_> {
 
     /// Derivatives of a point's pixel with respect to the twist on the left of the pose, the intrinsics and the
     /// time offset.
+    #[inline(always)]
     pub fn motion<const WIDTH: usize>(
         &self,
         frame: u32,

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Vector3};
 
-use crate::pyramid::Sampled;
+use crate::pyramid::{Corners, Sampled};
 
 /// Which labelled points inside the image count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +44,7 @@ pub(super) enum Weights {
 }
 
 impl Weights {
-    pub fn of(self, sample: &Sample, sampled: &Sampled) -> f32 {
+    pub fn of(self, sample: &Sample, sampled: &Sampled<impl Corners>) -> f32 {
         match self {
             Self::AtAnchor => sample.weight,
             Self::WhereItLands => (f64::from(sample.weight) * sampled.total()) as f32,

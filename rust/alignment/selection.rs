@@ -6,7 +6,7 @@ use geometry::camera::Intrinsic;
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
-use super::level::Level;
+use super::level::{Level, with_maps};
 use super::projection::Projection;
 use super::sample::{Counted, Sample};
 use super::variables::Variables;
@@ -14,7 +14,7 @@ use crate::classes::Share;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
 use crate::point_cloud::to_f64;
-use crate::pyramid::ShareMap;
+use crate::pyramid::{LabelMap, ShareMap};
 use crate::visibility::{Projected, project_points};
 
 /// Points at least this many blocks inside one class are summed up once by Newton's method. A round that moves them
@@ -103,11 +103,21 @@ impl Level {
         counted: Counted,
         is_constant: impl Fn(&ShareMap, &Point2<f64>, bool) -> bool + Sync,
     ) -> Selection {
+        with_maps!(&self.maps, maps => self.select_on(&maps, pose, counted, is_constant))
+    }
+
+    fn select_on(
+        &self,
+        maps: &[impl LabelMap],
+        pose: &Isometry3<f64>,
+        counted: Counted,
+        is_constant: impl Fn(&ShareMap, &Point2<f64>, bool) -> bool + Sync,
+    ) -> Selection {
         let of_frame = |(index, frame): (usize, &Frame)| {
-            let map = &self.maps[index];
+            let map = self.maps[index].as_ref();
             let (mut moving, mut constant) = (Vec::new(), self.joint_of_frames(index..index + 1));
             for Projected { index: i, pixel, .. } in self.counted_points(index, pose, counted) {
-                let sampled = map.at(&pixel);
+                let sampled = maps[index].at(&pixel);
                 let weight = sampled.total() as f32 * frame.weight;
                 if weight <= 0.0 {
                     continue;

@@ -17,7 +17,7 @@ use super::newton::{HALF_WIDTH, unit_steps};
 use super::projection::{Neighbourhood, Projection};
 use super::sample::{Sample, Weights};
 use super::selection::{Selection, in_view};
-use super::slopes::{Placed, Split};
+use super::slopes::{Placed, Split, add_score};
 use super::variables::{Estimate, MAX_VARIABLES, Variables};
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
@@ -141,7 +141,8 @@ impl Problem<'_> {
         for mixed in mixed.iter().flatten() {
             let [row, column] = square_of(&mixed.pixel);
             let part = [mixed.sample.frame, row, column, u32::from(mixed.sample.class)];
-            self.level.add_score(mixed, here, &values, sums.entry(part).or_insert([0.0; MAX_VARIABLES]));
+            let map = self.level.maps[mixed.sample.frame as usize].as_ref();
+            add_score(&map, mixed, here, &values, sums.entry(part).or_insert([0.0; MAX_VARIABLES]));
         }
         let score = |sum: [f64; MAX_VARIABLES]| DVector::from_column_slice(&sum[..self.n]) / total;
         sums.into_iter().map(|(part, sum)| (part, score(sum))).collect()

@@ -8,11 +8,11 @@ use geometry::camera::RUN;
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use super::level::{Level, PairValues};
+use super::level::{Level, PairValues, touch, with_maps};
 use super::projection::{Projection, with_width};
 use super::sample::{Mixed, Sample, Weights};
 use crate::mutual_information::JointHistogram;
-use crate::pyramid::Sampled;
+use crate::pyramid::{LabelMap, Sampled, ShareMap};
 
 /// How the gradient is split into parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,11 +72,14 @@ impl Level {
     /// Contributions of parts of the points to the gradient, times the weight of all points. A part may occur several
     /// times.
     pub fn slopes(&self, placed: &Placed, split: Split) -> Vec<(Part, DVector<f64>)> {
-        with_width!(placed.at.num_variables(), WIDTH => self.slopes_of::<WIDTH>(placed, split))
+        with_maps!(&self.maps, maps => {
+            with_width!(placed.at.num_variables(), WIDTH => self.slopes_of::<WIDTH>(&maps, placed, split))
+        })
     }
 
     fn slopes_of<const WIDTH: usize>(
         &self,
+        maps: &[impl LabelMap],
         Placed { at, joint, mixed }: &Placed,
         split: Split,
     ) -> Vec<(Part, DVector<f64>)> {
@@ -86,7 +89,7 @@ impl Level {
             for (index, mixed) in chunk.iter().enumerate() {
                 if index % RUN == 0 {
                     let run = &chunk[index..(index + RUN).min(chunk.len())];
-                    self.touch(run.iter().map(|mixed| (&mixed.sample, &mixed.pixel)));
+                    touch(maps, run.iter().map(|mixed| (&mixed.sample, &mixed.pixel)));
                 }
                 let part = match split {
                     Split::Whole => (0, 0),
@@ -97,7 +100,7 @@ impl Level {
                     parts.push((part, [0.0; WIDTH]));
                     parts.len() - 1
                 });
-                self.add_score(mixed, at, &values, &mut parts[place].1);
+                add_score(&maps[mixed.sample.frame as usize], mixed, at, &values, &mut parts[place].1);
             }
             parts
         };
@@ -105,20 +108,21 @@ impl Level {
         let of_part = |(part, sum): (Part, [f64; WIDTH])| (part, DVector::from_column_slice(&sum[..n]));
         mixed.par_iter().flat_map_iter(|chunk| of_chunk(chunk).into_iter().map(of_part)).collect()
     }
+}
 
-    /// Adds the contribution of a point on several classes to the gradient, times the weight of all points.
-    pub fn add_score<const WIDTH: usize>(
-        &self,
-        Mixed { sample, p_camera, pixel }: &Mixed,
-        at: &Projection<'_>,
-        values: &PairValues<'_>,
-        sum: &mut [f64; WIDTH],
-    ) {
-        let Sampled::Mixed(shares) = self.shares_under(sample, pixel) else { return };
-        let per_pixel = values.of(sample, |values| shares.gradient(values)) * f64::from(sample.weight);
-        let [of_u, of_v] = at.motion::<WIDTH>(sample.frame, p_camera, pixel);
-        for (i, sum) in sum.iter_mut().enumerate() {
-            *sum += of_u[i] * per_pixel.x + of_v[i] * per_pixel.y;
-        }
+/// Adds the contribution of a point on several classes of a map to the gradient, times the weight of all points.
+#[inline(always)]
+pub(super) fn add_score<const WIDTH: usize>(
+    map: &impl LabelMap,
+    Mixed { sample, p_camera, pixel }: &Mixed,
+    at: &Projection<'_>,
+    values: &PairValues<'_>,
+    sum: &mut [f64; WIDTH],
+) {
+    let Sampled::Mixed(shares) = map.at(pixel) else { return };
+    let per_pixel = values.of(sample, |values| shares.gradient(values)) * f64::from(sample.weight);
+    let [of_u, of_v] = at.motion::<WIDTH>(sample.frame, p_camera, pixel);
+    for (i, sum) in sum.iter_mut().enumerate() {
+        *sum += of_u[i] * per_pixel.x + of_v[i] * per_pixel.y;
     }
 }

@@ -6,6 +6,9 @@ use crate::label_image::LabelImage;
 /// Weight, out of 255, of pixels in the band along class borders.
 pub(super) const FAINT_AMOUNT: u8 = 26;
 
+/// Number of shares that are read together.
+pub(super) const WORD: usize = 8;
+
 /// Reach of a Gaussian, standard deviations.
 const REACH: f64 = 3.0;
 
@@ -49,8 +52,9 @@ impl Averaged {
 
     /// The shares of classes `0..num_classes`, whether they occur or not.
     pub fn dense(self, num_classes: usize) -> Dense {
-        let mut shares = vec![0; num_classes * self.only.len()];
-        for (index, (row, &only)) in shares.chunks_exact_mut(num_classes).zip(&self.only).enumerate() {
+        let width = num_classes.next_multiple_of(WORD);
+        let mut shares = vec![0; width * self.only.len()];
+        for (index, (row, &only)) in shares.chunks_exact_mut(width).zip(&self.only).enumerate() {
             match row.get_mut(usize::from(only)) {
                 Some(share) => *share = u8::MAX,
                 None => self
@@ -60,7 +64,7 @@ impl Averaged {
                     .for_each(|share| row[usize::from(share.class)] = share.amount),
             }
         }
-        Dense { shares, num_classes, only: self.only }
+        Dense { shares, width, only: self.only }
     }
 
     /// Notes the class of the block whose shares were added last.
@@ -77,7 +81,8 @@ impl Averaged {
 pub(super) struct Dense {
     /// Shares of each class, in 1/255, block by block.
     pub shares: Vec<u8>,
-    pub num_classes: usize,
+    /// Number of shares of a block: that of its classes, and zeros up to a whole number of words.
+    pub width: usize,
     /// The class of blocks with a single class, else [`NO_CLASS`].
     pub only: Vec<u8>,
 }
@@ -133,7 +138,8 @@ pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Dense {
     // Sums along the lines around the current one, each in the place of its number modulo their count.
     let mut lines = vec![vec![0.0_f32; num_classes * width]; 2 * reach + 1];
     let mut next_line = 0;
-    let (mut shares, mut only) = (vec![0; num_classes * width * height], vec![NO_CLASS; width * height]);
+    let padded = num_classes.next_multiple_of(WORD);
+    let (mut shares, mut only) = (vec![0; padded * width * height], vec![NO_CLASS; width * height]);
     let mut sums = vec![0.0_f32; num_classes * width];
     for row in 0..height {
         let (first, end) = (row.saturating_sub(reach), (row + reach + 1).min(height));
@@ -151,7 +157,7 @@ pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Dense {
             if class != NO_CLASS {
                 let (sums, pixel) = (&sums[column * num_classes..][..num_classes], row * width + column);
                 let scale = f32::from(u8::MAX) / sums.iter().sum::<f32>();
-                let shares = &mut shares[pixel * num_classes..][..num_classes];
+                let shares = &mut shares[pixel * padded..][..num_classes];
                 shares.iter_mut().zip(sums).for_each(|(share, sum)| *share = (sum * scale).round() as u8);
                 if shares[usize::from(class)] == u8::MAX {
                     only[pixel] = class;
@@ -159,7 +165,7 @@ pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Dense {
             }
         }
     }
-    Dense { shares, num_classes, only }
+    Dense { shares, width: padded, only }
 }
 
 /// Sums of each class under a kernel at the pixels of a line, a pixel's classes after one another.

@@ -10,8 +10,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use crate::classes::ClassShares;
 use crate::label_image::LabelImage;
 
-pub use sampled::Sampled;
-pub use share_map::ShareMap;
+pub use sampled::{AnyCorners, Corners, Sampled};
+pub use share_map::{DenseMap, LabelMap, ShareMap};
 
 /// A label image and its levels, which the stages of a calibration use repeatedly.
 #[derive(Debug)]

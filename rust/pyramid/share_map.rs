@@ -8,16 +8,122 @@ use nalgebra::Point2;
 use super::averaging::{
     Averaged, Dense, FAINT, WHOLE, amounts, averaged_classes, averaged_shares, blurred_classes, num_classes,
 };
-use super::sampled::{Corners, Sampled, Shares};
+use super::sampled::{AnyCorners, Corners, Sampled, Shares};
 use crate::classes::{ClassShares, NO_CLASS, Share};
 use crate::label_image::LabelImage;
 
+/// Label images, averaged over blocks, that can be read between the centres of blocks.
+pub trait LabelMap: Copy + Sync {
+    type Corners: Corners;
+
+    /// The shares at a pixel of the full-resolution image, bilinear between block centres, and constant beyond the
+    /// outermost ones.
+    fn at(&self, pixel: &Point2<f64>) -> Sampled<Self::Corners>;
+
+    /// Reads the first byte of the block before a pixel in both rows. Access to pixels is random: short loops of this let
+    /// many fetches from memory overlap before [`LabelMap::at`]. A polish on KITTI object takes a tenth less time with it.
+    fn touch(&self, pixel: &Point2<f64>) -> u8;
+}
+
 #[derive(Clone, Debug)]
 pub struct ShareMap {
+    grid: Grid,
+    blocks: Blocks,
+}
+
+/// Where the blocks lie in the image.
+#[derive(Clone, Copy, Debug)]
+struct Grid {
     blocks_per_pixel: f64,
     columns: usize,
     rows: usize,
-    blocks: Blocks,
+}
+
+/// The blocks around a pixel: above left, above right, below left and below right, and the fraction of the way to the right
+/// and down; `None` beyond the outermost blocks.
+struct Around {
+    blocks: [usize; 4],
+    right: Option<f64>,
+    down: Option<f64>,
+}
+
+impl Grid {
+    #[inline(always)]
+    fn around(&self, pixel: &Point2<f64>) -> Around {
+        let (column, right) = self.between(pixel.x, self.columns);
+        let (row, down) = self.between(pixel.y, self.rows);
+        let (next_column, next_row) = ((column + 1).min(self.columns - 1), (row + 1).min(self.rows - 1));
+        let (above, below) = (row * self.columns, next_row * self.columns);
+        let blocks = [above + column, above + next_column, below + column, below + next_column];
+        Around { blocks, right, down }
+    }
+
+    /// The block before a pixel along one axis, and the fraction of the way to the next; `None` beyond the
+    /// outermost.
+    #[inline(always)]
+    fn between(&self, pixel: f64, count: usize) -> (usize, Option<f64>) {
+        let place = (pixel + 0.5) * self.blocks_per_pixel - 0.5;
+        // Conversions of 32 bits are faster than those of 64, and no image is that wide.
+        let last = count as i32 - 1;
+        if place > 0.0 && place < f64::from(last) {
+            let before = place as i32;
+            (before as usize, Some(place - f64::from(before)))
+        } else {
+            (if place > 0.0 { count - 1 } else { 0 }, None)
+        }
+    }
+
+    /// The indices of the blocks before a pixel in both rows.
+    #[inline(always)]
+    fn before(&self, pixel: &Point2<f64>) -> [usize; 2] {
+        let ((column, _), (row, _)) = (self.between(pixel.x, self.columns), self.between(pixel.y, self.rows));
+        [row, (row + 1).min(self.rows - 1)].map(|row| row * self.columns + column)
+    }
+
+    /// Shares between four blocks, with the labelled share of each.
+    #[inline(always)]
+    fn shares<C>(&self, Around { right, down, .. }: Around, corners: C, amounts: [f64; 4]) -> Shares<C> {
+        let (r, d) = (right.unwrap_or(0.0), down.unwrap_or(0.0));
+        let weights = [(1.0 - r) * (1.0 - d), r * (1.0 - d), (1.0 - r) * d, r * d];
+        let total = (0..4).map(|i| weights[i] * amounts[i]).sum::<f64>() * (1.0 / 255.0);
+        Shares {
+            corners,
+            right: r,
+            down: d,
+            weights,
+            amounts,
+            total,
+            moves: (right.is_some(), down.is_some()),
+            per_pixel: self.blocks_per_pixel,
+        }
+    }
+}
+
+/// The blocks of a map, in which each of a known number of classes has a share.
+#[derive(Clone, Copy, Debug)]
+pub struct DenseMap<'a, const N: usize> {
+    grid: Grid,
+    blocks: &'a [[u8; N]],
+}
+
+impl<'a, const N: usize> LabelMap for DenseMap<'a, N> {
+    type Corners = [&'a [u8; N]; 4];
+
+    #[inline(always)]
+    fn at(&self, pixel: &Point2<f64>) -> Sampled<Self::Corners> {
+        let around = self.grid.around(pixel);
+        let [a, b, c, d] = around.blocks;
+        let corners = [&self.blocks[a], &self.blocks[b], &self.blocks[c], &self.blocks[d]];
+        let [a, b, c, d] = corners;
+        let amounts = [amount(a), amount(b), amount(c), amount(d)];
+        Sampled::Mixed(self.grid.shares(around, corners, amounts))
+    }
+
+    #[inline(always)]
+    fn touch(&self, pixel: &Point2<f64>) -> u8 {
+        let [above, below] = self.grid.before(pixel);
+        self.blocks[above][0] ^ self.blocks[below][0]
+    }
 }
 
 /// The classes in each block, row by row.
@@ -34,14 +140,14 @@ enum Blocks {
         /// Sums of the shares, which are needed more often than these.
         amounts: Vec<u16>,
     },
-    /// Blocks that have many of a few classes: the shares of each, in 1/255. They lie side by side, since access is
+    /// Blocks that have many of a few classes: `width` shares of each, in 1/255. They lie side by side, since access is
     /// random, and a fetch takes longer than the sums.
-    Dense { shares: Vec<u8>, num_classes: usize, only: Vec<u8> },
+    Dense { shares: Vec<u8>, width: usize, only: Vec<u8> },
 }
 
 impl Blocks {
     /// The shares of the classes in four blocks, and the labelled share of each block, in 1/255.
-    fn corners(&self, around: [usize; 4]) -> (Corners<'_>, [f64; 4]) {
+    fn corners(&self, around: [usize; 4]) -> (AnyCorners<'_>, [f64; 4]) {
         let whole = |class: u8| of_class(&WHOLE, class);
         match self {
             Self::Pixels(image) => sparse(around, |index| whole(image.ids[index])),
@@ -53,10 +159,9 @@ impl Blocks {
                 NO_CLASS => (shares.at(index), amounts[index]),
                 class => whole(class),
             }),
-            Self::Dense { shares, num_classes, .. } => {
-                let corners = around.map(|index| &shares[index * num_classes..][..*num_classes]);
-                let amount = |corner: &[u8]| corner.iter().map(|&share| u32::from(share)).sum::<u32>();
-                (Corners::Dense(corners), corners.map(|corner| f64::from(amount(corner))))
+            Self::Dense { shares, width, .. } => {
+                let corners = around.map(|index| &shares[index * width..][..*width]);
+                (AnyCorners::Dense(corners), corners.map(amount))
             }
         }
     }
@@ -64,7 +169,7 @@ impl Blocks {
     /// What is read first of each block, and the length of its entry.
     fn bytes(&self) -> (&[u8], usize) {
         match self {
-            Self::Dense { shares, num_classes, .. } => (shares, *num_classes),
+            Self::Dense { shares, width, .. } => (shares, *width),
             _ => (self.only(), 1),
         }
     }
@@ -79,6 +184,7 @@ impl Blocks {
 
     /// The only class of four blocks with full weight; otherwise [`NO_CLASS`], and always for dense blocks, few of which
     /// have one.
+    #[inline(always)]
     fn only_class(&self, around: [usize; 4]) -> u8 {
         if let Self::Dense { .. } = self {
             return NO_CLASS;
@@ -89,6 +195,22 @@ impl Blocks {
     }
 }
 
+/// The sum of shares.
+#[inline(always)]
+fn amount(shares: &[u8]) -> f64 {
+    let (words, rest) = shares.as_chunks();
+    let of_words: u32 = words.iter().map(|word| sum_of_bytes(u64::from_le_bytes(*word))).sum();
+    f64::from(of_words + rest.iter().map(|&share| u32::from(share)).sum::<u32>())
+}
+
+/// The sum of the eight bytes of a word: of each two, then of all four sums by one multiplication.
+#[inline(always)]
+fn sum_of_bytes(word: u64) -> u32 {
+    const EVEN: u64 = 0x00ff_00ff_00ff_00ff;
+    let pairs = (word & EVEN) + (word >> 8 & EVEN);
+    (pairs.wrapping_mul(0x0001_0001_0001_0001) >> 48) as u32
+}
+
 /// Pixels of a class, by a table of the shares of each class, and their labelled share; nothing without a class.
 fn of_class(table: &[Share; NO_CLASS as usize], class: u8) -> (&[Share], u16) {
     match table.get(usize::from(class)) {
@@ -97,9 +219,9 @@ fn of_class(table: &[Share; NO_CLASS as usize], class: u8) -> (&[Share], u16) {
     }
 }
 
-fn sparse<'a>(around: [usize; 4], of: impl Fn(usize) -> (&'a [Share], u16)) -> (Corners<'a>, [f64; 4]) {
+fn sparse<'a>(around: [usize; 4], of: impl Fn(usize) -> (&'a [Share], u16)) -> (AnyCorners<'a>, [f64; 4]) {
     let corners = around.map(of);
-    (Corners::Sparse(corners.map(|(shares, _)| shares)), corners.map(|(_, amount)| amount.into()))
+    (AnyCorners::Sparse(corners.map(|(shares, _)| shares)), corners.map(|(_, amount)| amount.into()))
 }
 
 impl ShareMap {
@@ -117,7 +239,7 @@ impl ShareMap {
 
     /// The mean classes of pixels under a Gaussian with a standard deviation of `sigma_px`.
     pub fn blurred(image: &LabelImage<u8>, sigma_px: f64) -> Self {
-        Self::dense(image, 1, blurred_classes(image, sigma_px))
+        Self::of_dense(image, 1, blurred_classes(image, sigma_px))
     }
 
     /// The mean classes of blocks of `factor x factor` pixels, weighted as in the `finest` map.
@@ -134,7 +256,7 @@ impl ShareMap {
         if factor == 1 {
             return Self::of_pixels(image, 0);
         }
-        Self::dense(image, factor, averaged_classes(image, &image.ids, factor).dense(num_classes(image)))
+        Self::of_dense(image, factor, averaged_classes(image, &image.ids, factor).dense(num_classes(image)))
     }
 
     /// The mean class shares of blocks, where a network gave class shares of each pixel. There is no band, since the
@@ -153,81 +275,59 @@ impl ShareMap {
         Self::new(image, factor, Blocks::Shares { shares, only, amounts })
     }
 
-    fn dense(image: &LabelImage<u8>, factor: usize, Dense { shares, num_classes, only }: Dense) -> Self {
-        Self::new(image, factor, Blocks::Dense { shares, num_classes, only })
+    fn of_dense(image: &LabelImage<u8>, factor: usize, Dense { shares, width, only }: Dense) -> Self {
+        Self::new(image, factor, Blocks::Dense { shares, width, only })
     }
 
     fn new(image: &LabelImage<u8>, factor: usize, blocks: Blocks) -> Self {
         let (columns, rows) = (image.width / factor, image.height / factor);
-        Self { blocks_per_pixel: 1.0 / factor as f64, columns, rows, blocks }
+        Self { grid: Grid { blocks_per_pixel: 1.0 / factor as f64, columns, rows }, blocks }
     }
 
-    /// The shares at a pixel of the full-resolution image, bilinear between block centres, and constant beyond the
-    /// outermost ones.
-    pub fn at(&self, pixel: &Point2<f64>) -> Sampled<'_> {
-        let (column, right) = self.between(pixel.x, self.columns);
-        let (row, down) = self.between(pixel.y, self.rows);
-        let (next_column, next_row) = ((column + 1).min(self.columns - 1), (row + 1).min(self.rows - 1));
-        let (above, below) = (row * self.columns, next_row * self.columns);
-        let around = [above + column, above + next_column, below + column, below + next_column];
-        match self.blocks.only_class(around) {
-            NO_CLASS => Sampled::Mixed(self.mixed(around, right, down)),
-            class => Sampled::Uniform(class),
-        }
-    }
-
-    /// Reads the first byte of the block before a pixel in both rows. Access to pixels is random: short loops of this let
-    /// many fetches from memory overlap before [`ShareMap::at`]. A polish on KITTI object takes a tenth less time with it.
-    pub fn touch(&self, pixel: &Point2<f64>) -> u8 {
-        let ((column, _), (row, _)) = (self.between(pixel.x, self.columns), self.between(pixel.y, self.rows));
-        let (bytes, length) = self.blocks.bytes();
-        let byte = |row: usize| bytes[(row * self.columns + column) * length];
-        byte(row) ^ byte((row + 1).min(self.rows - 1))
-    }
-
-    fn mixed(&self, around: [usize; 4], right: Option<f64>, down: Option<f64>) -> Shares<'_> {
-        let (corners, amounts) = self.blocks.corners(around);
-        let (r, d) = (right.unwrap_or(0.0), down.unwrap_or(0.0));
-        let weights = [(1.0 - r) * (1.0 - d), r * (1.0 - d), (1.0 - r) * d, r * d];
-        let total = (0..4).map(|i| weights[i] * amounts[i]).sum::<f64>() * (1.0 / 255.0);
-        Shares {
-            corners,
-            right: r,
-            down: d,
-            weights,
-            amounts,
-            total,
-            moves: (right.is_some(), down.is_some()),
-            per_pixel: self.blocks_per_pixel,
+    /// The blocks, if each has shares of `N` classes.
+    pub fn dense<const N: usize>(&self) -> Option<DenseMap<'_, N>> {
+        match &self.blocks {
+            Blocks::Dense { shares, width, .. } if *width == N => {
+                Some(DenseMap { grid: self.grid, blocks: shares.as_chunks().0 })
+            }
+            _ => None,
         }
     }
 
     /// The only class of the blocks around a pixel, at least `radius` of them to each side; `None` if there are several.
     pub fn only_class_around(&self, pixel: &Point2<f64>, radius: usize) -> Option<u8> {
         let span = |pixel: f64, count: usize| {
-            let first = self.between(pixel, count).0;
+            let first = self.grid.between(pixel, count).0;
             first.saturating_sub(radius)..(first + radius + 2).min(count)
         };
-        let (columns, rows) = (span(pixel.x, self.columns), span(pixel.y, self.rows));
-        let first = rows.start * self.columns + columns.start;
+        let (columns, rows) = (span(pixel.x, self.grid.columns), span(pixel.y, self.grid.rows));
+        let width = self.grid.columns;
+        let first = rows.start * width + columns.start;
         let only = self.blocks.only();
         let class = only[first];
-        let mut lines = rows.map(|row| row * self.columns + columns.start..row * self.columns + columns.end);
+        let mut lines = rows.map(|row| row * width + columns.start..row * width + columns.end);
         (class != NO_CLASS && lines.all(|line| are_all(only, line, class))).then_some(class)
     }
+}
 
-    /// The block before a pixel along one axis, and the fraction of the way to the next; `None` beyond the
-    /// outermost.
-    fn between(&self, pixel: f64, count: usize) -> (usize, Option<f64>) {
-        let place = (pixel + 0.5) * self.blocks_per_pixel - 0.5;
-        // Conversions of 32 bits are faster than those of 64, and no image is that wide.
-        let last = count as i32 - 1;
-        if place > 0.0 && place < f64::from(last) {
-            let before = place as i32;
-            (before as usize, Some(place - f64::from(before)))
-        } else {
-            (if place > 0.0 { count - 1 } else { 0 }, None)
+impl<'a> LabelMap for &'a ShareMap {
+    type Corners = AnyCorners<'a>;
+
+    fn at(&self, pixel: &Point2<f64>) -> Sampled<AnyCorners<'a>> {
+        let around = self.grid.around(pixel);
+        match self.blocks.only_class(around.blocks) {
+            NO_CLASS => {
+                let (corners, amounts) = self.blocks.corners(around.blocks);
+                Sampled::Mixed(self.grid.shares(around, corners, amounts))
+            }
+            class => Sampled::Uniform(class),
         }
+    }
+
+    fn touch(&self, pixel: &Point2<f64>) -> u8 {
+        let (bytes, length) = self.blocks.bytes();
+        let [above, below] = self.grid.before(pixel).map(|block| bytes[block * length]);
+        above ^ below
     }
 }
 
@@ -256,15 +356,17 @@ mod tests {
     }
 
     fn shares_of(map: &ShareMap, block: usize) -> Vec<(u8, u8)> {
-        let Corners::Sparse([corner, ..]) = map.blocks.corners([block; 4]).0 else { panic!("dense blocks") };
+        let AnyCorners::Sparse([corner, ..]) = map.blocks.corners([block; 4]).0 else {
+            panic!("dense blocks")
+        };
         corner.iter().map(|share| (share.class, share.amount)).collect()
     }
 
     #[test]
     fn shares_count_each_class_in_each_whole_block() {
         let ids = vec![0, 1, 1, 1, 9, 0, NO_CLASS, 1, 1, 9]; // the last column is no whole block
-        let map = blocks_of_two(LabelImage { width: 5, height: 2, ids });
-        let shares = |block| shares_of(&map, block);
+        let map = &blocks_of_two(LabelImage { width: 5, height: 2, ids });
+        let shares = |block| shares_of(map, block);
         assert_eq!(shares(0), [(0, 128), (1, 64)]);
         assert_eq!(shares(1), [(1, 255)]);
     }
@@ -272,7 +374,7 @@ mod tests {
     #[test]
     fn shares_are_bilinear_between_the_centres_of_blocks() {
         let ids = vec![0, 0, 1, 1, 0, 0, 1, 1, 0, 0, NO_CLASS, 2, 0, 0, 2, 2];
-        let map = blocks_of_two(LabelImage { width: 4, height: 4, ids });
+        let map = &blocks_of_two(LabelImage { width: 4, height: 4, ids });
         let shares = |u: f64, v: f64| {
             let mut classes = [0.0; 3];
             let sampled = map.at(&Point2::new(u, v));
@@ -295,7 +397,7 @@ mod tests {
         let image = Arc::new(LabelImage { width: 8, height: 1, ids });
         let (all, few) = (u8::MAX, FAINT_AMOUNT);
         assert_eq!(amounts(&image, 2), [all, all, few, few, few, few, all, all]);
-        let map = ShareMap::of_pixels(&image, 2);
+        let map = &ShareMap::of_pixels(&image, 2);
         let total = |u: f64| map.at(&Point2::new(u, 0.0)).total();
         assert_eq!((total(0.0), total(3.0)), (1.0, f64::from(FAINT_AMOUNT) / 255.0));
         // Low weight, and the same shares.
@@ -309,7 +411,7 @@ mod tests {
         // Two columns of each class, and one of none, which the blur neither fills nor counts.
         let line = [0, 0, 1, 1, NO_CLASS];
         let image = LabelImage { width: 5, height: 3, ids: line.repeat(3) };
-        let map = ShareMap::blurred(&image, 1.0);
+        let map = &ShareMap::blurred(&image, 1.0);
         let weight = |offset: i32| (-0.5 * f64::from(offset * offset)).exp();
         for column in 0..4 {
             let of_class = |class: u8| {
@@ -354,7 +456,36 @@ mod tests {
         let empty = Arc::new(LabelImage { width: 4, height: 2, ids: vec![NO_CLASS; 8] });
         for map in [ShareMap::of_levels(&empty, 2), ShareMap::blurred(&empty, 1.0)] {
             let pixel = Point2::new(1.2, 0.8);
-            assert_eq!((map.at(&pixel).total(), map.touch(&pixel)), (0.0, 0));
+            assert_eq!(((&map).at(&pixel).total(), (&map).touch(&pixel)), (0.0, 0));
+        }
+    }
+
+    #[test]
+    fn maps_of_eight_levels_are_read_alike_in_both_forms() {
+        // Some pixels have no level, so that blocks differ in their amounts.
+        let ids =
+            (0..96).map(|pixel| if pixel % 11 == 0 { NO_CLASS } else { (5 * pixel % 8) as u8 }).collect();
+        let image = Arc::new(LabelImage { width: 12, height: 8, ids });
+        let values: [f64; 8] = std::array::from_fn(|class| (class as f64).cos());
+        for map in [ShareMap::of_levels(&image, 2), ShareMap::blurred(&image, 0.8)] {
+            let dense = map.dense::<8>().expect("eight levels");
+            assert!(map.dense::<16>().is_none());
+            for (u, v) in [(-1.0, 0.0), (0.7, 7.4), (3.2, 2.9), (10.6, 5.5), (12.0, 9.0)] {
+                let pixel = Point2::new(u, v);
+                let (Sampled::Mixed(known), Sampled::Mixed(any)) = (dense.at(&pixel), (&map).at(&pixel))
+                else {
+                    panic!("dense blocks are never of one class")
+                };
+                assert_eq!((known.total(), dense.touch(&pixel)), (any.total(), (&map).touch(&pixel)));
+                assert_eq!(known.gradient(&values), any.gradient(&values));
+                // A cue may have fewer classes than a block has shares.
+                for num_classes in [5, 8, 9] {
+                    let mut sums = [vec![0.25; num_classes], vec![0.25; num_classes]];
+                    Sampled::Mixed(known).add_to(&mut sums[0], 0.7);
+                    Sampled::Mixed(any).add_to(&mut sums[1], 0.7);
+                    assert_eq!(sums[0], sums[1]);
+                }
+            }
         }
     }
 
@@ -363,8 +494,8 @@ mod tests {
         // No border is known next to the unlabelled pixel.
         let ids = vec![0, 0, 0, 1, 1, NO_CLASS, 0, 0, 0, 1, 1, 1];
         let image = Arc::new(LabelImage { width: 6, height: 2, ids });
-        let map = ShareMap::of_blocks(&image, &ShareMap::of_pixels(&image, 1), 2);
-        let shares = |block| shares_of(&map, block);
+        let map = &ShareMap::of_blocks(&image, &ShareMap::of_pixels(&image, 1), 2);
+        let shares = |block| shares_of(map, block);
         let quarters =
             |full: f32, few: f32| ((full * 255.0 + few * f32::from(FAINT_AMOUNT)) / 4.0).round() as u8;
         assert_eq!(shares(0), [(0, 255)]);

@@ -20,6 +20,11 @@ const MAX_NEWTON_STEPS: usize = 50;
 pub(super) struct Distortion(pub [f64; 8]);
 
 impl Distortion {
+    /// Whether it leaves everything where it is, as in rectified images.
+    pub fn is_none(&self) -> bool {
+        self.0 == [0.0; 8]
+    }
+
     #[inline]
     pub fn at(&self, xy: Vector2<f64>) -> Vector2<f64> {
         let [_, _, p1, p2, ..] = self.0;

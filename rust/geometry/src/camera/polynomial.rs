@@ -10,6 +10,7 @@ use crate::Invalid;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Polynomial {
     distortion: Distortion,
+    is_distorted: bool,
     /// Largest radius, normalised.
     max_radius: f64,
 }
@@ -19,7 +20,7 @@ impl Polynomial {
     pub fn new(coefficients: [f64; 8]) -> Self {
         let distortion = Distortion(coefficients);
         let max_radius = unfolded_radius(|xy| distortion.jacobian(xy), MAX_RADIUS);
-        Self { distortion, max_radius }
+        Self { distortion, is_distorted: !distortion.is_none(), max_radius }
     }
 }
 
@@ -27,11 +28,17 @@ impl Model for Polynomial {
     #[inline(always)]
     fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         let normalised = normalised(point, self.max_radius)?;
-        Some(self.distortion.at(normalised))
+        Some(if self.is_distorted { self.distortion.at(normalised) } else { normalised })
     }
 
+    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
-        self.distortion.jacobian(point.xy() / point.z) * normalised_jacobian(point)
+        let of_pinhole = normalised_jacobian(point);
+        if self.is_distorted {
+            self.distortion.jacobian(point.xy() / point.z) * of_pinhole
+        } else {
+            of_pinhole
+        }
     }
 
     fn unproject(&self, distorted: &Vector2<f64>) -> Option<Vector3<f64>> {
@@ -54,6 +61,7 @@ pub(super) fn normalised(point: &Vector3<f64>, max_radius: f64) -> Option<Vector
     (normalised.norm_squared() <= max_radius * max_radius).then_some(normalised)
 }
 
+#[inline]
 pub(super) fn normalised_jacobian(point: &Vector3<f64>) -> Matrix2x3<f64> {
     let (x, y, inverse) = (point.x / point.z, point.y / point.z, 1.0 / point.z);
     Matrix2x3::new(inverse, 0.0, -x * inverse, 0.0, inverse, -y * inverse)
