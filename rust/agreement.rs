@@ -203,7 +203,7 @@ impl FrameAgreement {
 fn add_bilinear(joint: &mut JointHistogram, class: u8, image: &LabelImage<u8>, pixel: &Point2<f64>) {
     let (u, v) =
         (pixel.x.clamp(0.0, image.width as f64 - 1.0), pixel.y.clamp(0.0, image.height as f64 - 1.0));
-    let (u0, v0) = (u as usize, v as usize);
+    let (u0, v0) = (u as u32 as usize, v as u32 as usize);
     let (u1, v1) = ((u0 + 1).min(image.width - 1), (v0 + 1).min(image.height - 1));
     let [a, b, c, d] = [image.at(u0, v0), image.at(u1, v0), image.at(u0, v1), image.at(u1, v1)];
     if a == b && a == c && a == d {
@@ -234,7 +234,8 @@ impl Blocks {
 
     /// Index of the block of a pixel inside the image.
     fn at(&self, pixel: &Point2<f64>) -> usize {
-        let at = |x: f64| ((x + 0.5) / self.side) as usize;
+        // Conversions of 32 bits are faster than those of 64, and no image is that wide.
+        let at = |x: f64| ((x + 0.5) / self.side) as u32 as usize;
         at(pixel.y) * self.columns + at(pixel.x)
     }
 }

@@ -1,7 +1,7 @@
 //! LiDAR points in the image, and their occlusion by nearer points.
 
 use std::ops::Deref;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use geometry::camera::{Camera, RUN};
 use nalgebra::{Isometry3, Point2, Vector3};
@@ -28,6 +28,8 @@ impl Projected {
 #[derive(Debug, Default)]
 pub struct Sweep {
     points: Vec<[f32; 3]>,
+    /// Balls around each [`GROUP`] of points, where they are needed.
+    balls: OnceLock<Vec<Ball>>,
     last: Mutex<Option<CachedView>>,
 }
 
@@ -43,7 +45,7 @@ struct CachedView {
 
 impl From<Vec<[f32; 3]>> for Sweep {
     fn from(points: Vec<[f32; 3]>) -> Self {
-        Self { points, last: Mutex::default() }
+        Self { points, ..Self::default() }
     }
 }
 
@@ -71,7 +73,7 @@ impl Sweep {
             let points = seen.indices.iter().map(|&index| (index as usize, &self.points[index as usize]));
             return (project_points(camera, points, pose), seen.hidden);
         }
-        let projected = project_points(camera, self.iter().enumerate(), pose);
+        let projected = project_points(camera, self.in_cone(&Cone::of(camera, pose)), pose);
         let hidden = Arc::new(hidden(camera, self, origin, &projected));
         let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());
         let hidden_then = Arc::clone(&hidden);
@@ -81,8 +83,62 @@ impl Sweep {
         (projected, hidden)
     }
 
+    /// The points, with their indices, without groups of neighbours that lie outside a cone.
+    fn in_cone(&self, cone: &Cone) -> impl Iterator<Item = (usize, &[f32; 3])> {
+        let groups = self.points.chunks(GROUP);
+        let balls = self.balls.get_or_init(|| groups.clone().map(Ball::around).collect());
+        let seen = groups.zip(balls).enumerate().filter(|(_, (_, ball))| !cone.excludes(ball));
+        seen.flat_map(|(group, (points, _))| (group * GROUP..).zip(points))
+    }
+
     fn last(&self) -> MutexGuard<'_, Option<CachedView>> {
         self.last.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Number of neighbours in the order of a sweep that are left out together: 3 degrees of a ring of an HDL-64E, mostly of one surface.
+const GROUP: usize = 16;
+
+/// A ball (metres, LiDAR frame) around points.
+#[derive(Clone, Copy, Debug)]
+struct Ball {
+    center: Vector3<f64>,
+    radius: f64,
+}
+
+impl Ball {
+    fn around(points: &[[f32; 3]]) -> Self {
+        let bound = |of: fn(f32, f32) -> f32, start: f32| {
+            let bounds = points
+                .iter()
+                .fold([start; 3], |bounds, point| std::array::from_fn(|axis| of(bounds[axis], point[axis])));
+            to_f64(&bounds)
+        };
+        let (least, most) = (bound(f32::min, f32::INFINITY), bound(f32::max, f32::NEG_INFINITY));
+        Self { center: 0.5 * (least + most), radius: 0.5 * (most - least).norm() }
+    }
+}
+
+/// The cone around the optical axis outside which nothing is in the image.
+struct Cone {
+    t_camera_lidar: Isometry3<f64>,
+    /// Cosine and sine of the largest angle from the axis.
+    cosine: f64,
+    sine: f64,
+}
+
+impl Cone {
+    fn of(camera: &Camera, t_camera_lidar: &Isometry3<f64>) -> Self {
+        let cosine = camera.view_cosine();
+        Self { t_camera_lidar: *t_camera_lidar, cosine, sine: (1.0 - cosine * cosine).sqrt() }
+    }
+
+    /// Whether a ball lies outside. Cones wider than a half-space exclude nothing.
+    fn excludes(&self, ball: &Ball) -> bool {
+        let center = self.t_camera_lidar.rotation * ball.center + self.t_camera_lidar.translation.vector;
+        // From the line through the apex that is nearest: no point of the cone is nearer.
+        let away = center.xy().norm() * self.cosine - center.z * self.sine;
+        self.cosine > 0.0 && away > ball.radius + ROUND_OFF * (1.0 + center.norm())
     }
 }
 
@@ -93,7 +149,7 @@ const MAX_OCCLUDER_RANGE: f64 = 0.8;
 /// Distance behind the camera, metres, beyond which single precision is certain, of coordinates up to a million metres.
 const BEHIND_M: f32 = 0.5;
 
-/// Chords of the unit sphere that differ by less are equal.
+/// Chords of the unit sphere that differ by less are equal, and so are lengths, relative to the distance.
 const ROUND_OFF: f64 = 1e-9;
 
 /// Projects points (metres, LiDAR frame), given with their indices, and keeps those inside the image, in their order.
@@ -275,6 +331,30 @@ mod tests {
             num_hidden += usize::from(hidden);
         }
         assert!(num_hidden >= 50, "a column of the wall has 60 points, found {num_hidden} hidden");
+    }
+
+    #[test]
+    fn groups_are_left_out_only_where_none_of_their_points_is_in_the_image() {
+        let (camera, ..) = scene(0.5);
+        // Rings around the LiDAR, far and near, one after the other; some points are no numbers.
+        let ring = |tilt: i32| {
+            (0..500).map(move |i| {
+                let (azimuth, range) = (f64::from(i) * 0.0126, f64::from(1 + (i / 40 + tilt).rem_euclid(9)));
+                let point = [azimuth.sin() * range, f64::from(tilt) * 0.04 * range, azimuth.cos() * range];
+                if i % 97 == 0 { [f32::NAN; 3] } else { point.map(|x| x as f32) }
+            })
+        };
+        let points: Vec<[f32; 3]> = (-12..12).flat_map(ring).collect();
+        for turned in [0.0, 0.7, 2.0, 3.1] {
+            let pose = Isometry3::new(Vector3::new(0.3, -0.1, 0.2), Vector3::new(0.1, turned, 0.05));
+            let sweep = Sweep::from(points.clone());
+            let (found, _) = sweep.in_image(&camera, &pose, &Vector3::zeros());
+            let all = project_points(&camera, points.iter().enumerate(), &pose);
+            let indices = |points: &[Projected]| points.iter().map(|point| point.index).collect::<Vec<_>>();
+            assert_eq!(indices(&found), indices(&all));
+            let left = sweep.in_cone(&Cone::of(&camera, &pose)).count();
+            assert!(!all.is_empty() && left < points.len() / 2, "{left} of {} points", points.len());
+        }
     }
 
     #[test]
