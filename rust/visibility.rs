@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use geometry::camera::{Camera, RUN};
 use nalgebra::{Isometry3, Point2, Vector3};
+use rayon::prelude::*;
 
 use crate::point_cloud::to_f64;
 
@@ -73,7 +74,10 @@ impl Sweep {
             let points = seen.indices.iter().map(|&index| (index as usize, &self.points[index as usize]));
             return (project_points(camera, points, pose), seen.hidden);
         }
-        let projected = project_points(camera, self.in_cone(&Cone::of(camera, pose)), pose);
+        let cone = Cone::of(camera, pose);
+        let of_part = |part| project_points(camera, self.in_cone(&cone, part), pose);
+        let parts = 0..self.points.len().div_ceil(GROUP * GROUPS_A_TASK);
+        let projected = parts.into_par_iter().map(of_part).collect::<Vec<_>>().concat();
         let hidden = Arc::new(hidden(camera, self, origin, &projected));
         let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());
         let hidden_then = Arc::clone(&hidden);
@@ -83,12 +87,15 @@ impl Sweep {
         (projected, hidden)
     }
 
-    /// The points, with their indices, without groups of neighbours that lie outside a cone.
-    fn in_cone(&self, cone: &Cone) -> impl Iterator<Item = (usize, &[f32; 3])> {
-        let groups = self.points.chunks(GROUP);
-        let balls = self.balls.get_or_init(|| groups.clone().map(Ball::around).collect());
-        let seen = groups.zip(balls).enumerate().filter(|(_, (_, ball))| !cone.excludes(ball));
-        seen.flat_map(|(group, (points, _))| (group * GROUP..).zip(points))
+    /// Points (metres, LiDAR frame) of a part of the sweep, with their indices, without groups of neighbours that lie
+    /// outside a cone.
+    fn in_cone(&self, cone: &Cone, part: usize) -> impl Iterator<Item = (usize, &[f32; 3])> {
+        let balls = self.balls.get_or_init(|| self.points.chunks(GROUP).map(Ball::around).collect());
+        let groups = (part * GROUPS_A_TASK..balls.len()).take(GROUPS_A_TASK);
+        groups.filter(|&group| !cone.excludes(&balls[group])).flat_map(|group| {
+            let start = group * GROUP;
+            (start..).zip(&self.points[start..self.points.len().min(start + GROUP)])
+        })
     }
 
     fn last(&self) -> MutexGuard<'_, Option<CachedView>> {
@@ -98,6 +105,11 @@ impl Sweep {
 
 /// Number of neighbours in the order of a sweep that are left out together: 3 degrees of a ring of an HDL-64E, mostly of one surface.
 const GROUP: usize = 16;
+
+/// Number of groups of one task: a sweep of an HDL-64E takes two, and one of a Livox that stands for seconds many.
+const GROUPS_A_TASK: usize = 4096;
+/// Smallest number of projected points of one task.
+const MIN_PROJECTED: usize = 8192;
 
 /// A ball (metres, LiDAR frame) around points.
 #[derive(Clone, Copy, Debug)]
@@ -229,7 +241,7 @@ pub fn hidden(
             (near_lidar - far_lidar).norm() > (near_camera - far_camera).norm() + ROUND_OFF
         })
     };
-    projected.iter().zip(&buffer.block_of).map(is_hidden).collect()
+    projected.par_iter().zip(&buffer.block_of).with_min_len(MIN_PROJECTED).map(is_hidden).collect()
 }
 
 /// A coarse z-buffer: the nearest of the points that project into each square block.
@@ -352,7 +364,7 @@ mod tests {
             let all = project_points(&camera, points.iter().enumerate(), &pose);
             let indices = |points: &[Projected]| points.iter().map(|point| point.index).collect::<Vec<_>>();
             assert_eq!(indices(&found), indices(&all));
-            let left = sweep.in_cone(&Cone::of(&camera, &pose)).count();
+            let left = sweep.in_cone(&Cone::of(&camera, &pose), 0).count();
             assert!(!all.is_empty() && left < points.len() / 2, "{left} of {} points", points.len());
         }
     }

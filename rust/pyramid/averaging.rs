@@ -50,23 +50,6 @@ impl Averaged {
         self.push_only();
     }
 
-    /// The shares of classes `0..num_classes`, whether they occur or not.
-    pub fn dense(self, num_classes: usize) -> Dense {
-        let width = num_classes.next_multiple_of(WORD);
-        let mut shares = vec![0; width * self.only.len()];
-        for (index, (row, &only)) in shares.chunks_exact_mut(width).zip(&self.only).enumerate() {
-            match row.get_mut(usize::from(only)) {
-                Some(share) => *share = u8::MAX,
-                None => self
-                    .shares
-                    .at(index)
-                    .iter()
-                    .for_each(|share| row[usize::from(share.class)] = share.amount),
-            }
-        }
-        Dense { shares, width, only: self.only }
-    }
-
     /// Notes the class of the block whose shares were added last.
     fn push_only(&mut self) {
         let only = match self.shares.at(self.only.len()) {
@@ -128,6 +111,37 @@ pub(super) fn averaged_classes(image: &LabelImage<u8>, only: &[u8], factor: usiz
     blocks
 }
 
+/// Averages classes without borders, such as levels of a gradient, over blocks: all pixels have full weight.
+pub(super) fn averaged_levels(image: &LabelImage<u8>, factor: usize) -> Dense {
+    let (columns, rows, num_pixels) = (image.width / factor, image.height / factor, factor * factor);
+    let width = num_classes(image).next_multiple_of(WORD);
+    let amount = |count: usize| amount(count as u64 * u64::from(u8::MAX), num_pixels);
+    let amounts: Vec<u8> = (0..=num_pixels).map(amount).collect();
+    let mut shares = Vec::with_capacity(columns * rows * width);
+    let mut counts = vec![0_u32; columns * width];
+    for lines in image.ids.chunks_exact(factor * image.width) {
+        counts.fill(0);
+        for line in lines.chunks_exact(image.width) {
+            for (pixels, counts) in line.chunks_exact(factor).zip(counts.chunks_exact_mut(width)) {
+                let classes = pixels.iter().filter(|&&class| class != NO_CLASS);
+                classes.for_each(|&class| counts[usize::from(class)] += 1);
+            }
+        }
+        shares.extend(counts.iter().map(|&count| amounts[count as usize]));
+    }
+    let only = shares.chunks_exact(width).map(only_class).collect();
+    Dense { shares, width, only }
+}
+
+/// The class of a block whose other shares are zero, else [`NO_CLASS`].
+fn only_class(shares: &[u8]) -> u8 {
+    let mut some = shares.iter().enumerate().filter(|(_, share)| **share > 0);
+    match (some.next(), some.next()) {
+        (Some((class, &u8::MAX)), None) => class as u8,
+        _ => NO_CLASS,
+    }
+}
+
 /// Averages over a Gaussian around each pixel, cut off at three standard deviations. Pixels of no class do not count,
 /// and keep none.
 pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Dense {
@@ -158,7 +172,7 @@ pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Dense {
                 let (sums, pixel) = (&sums[column * num_classes..][..num_classes], row * width + column);
                 let scale = f32::from(u8::MAX) / sums.iter().sum::<f32>();
                 let shares = &mut shares[pixel * padded..][..num_classes];
-                shares.iter_mut().zip(sums).for_each(|(share, sum)| *share = (sum * scale).round() as u8);
+                shares.iter_mut().zip(sums).for_each(|(share, sum)| *share = rounded(sum * scale));
                 if shares[usize::from(class)] == u8::MAX {
                     only[pixel] = class;
                 }
@@ -222,12 +236,24 @@ impl Tally {
         self.seen.dedup();
         for class in self.seen.drain(..) {
             let sum = std::mem::take(&mut self.sums[usize::from(class)]);
-            let amount = (sum as f32 / whole as f32).round() as u8;
+            let amount = amount(sum, whole);
             if amount > 0 {
                 entries.push(Share { class, amount });
             }
         }
     }
+}
+
+/// Mean of a number of pixels.
+fn amount(sum: u64, num_pixels: usize) -> u8 {
+    rounded(sum as f32 / num_pixels as f32)
+}
+
+/// The nearest integer of a positive number, as `f32::round` gives it by a call where the processor has no such
+/// instruction.
+fn rounded(number: f32) -> u8 {
+    let whole = number as i32;
+    (whole + i32::from(number - whole as f32 >= 0.5)) as u8
 }
 
 /// Weight of each pixel, in 1/255: low if it is less than `width` pixels from one of another class, along rows and
@@ -262,4 +288,17 @@ pub(super) fn amounts(image: &LabelImage<u8>, width: usize) -> Vec<u8> {
         }
     }
     amounts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_rounded_as_the_standard_library_rounds_them() {
+        let halves = (0..=510).map(|half| half as f32 * 0.5);
+        for number in halves.flat_map(|number| [number.next_down().max(0.0), number, number.next_up()]) {
+            assert_eq!(rounded(number), number.round() as u8, "{number}");
+        }
+    }
 }

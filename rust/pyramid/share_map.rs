@@ -6,7 +6,8 @@ use std::sync::Arc;
 use nalgebra::Point2;
 
 use super::averaging::{
-    Averaged, Dense, FAINT, WHOLE, amounts, averaged_classes, averaged_shares, blurred_classes, num_classes,
+    Averaged, Dense, FAINT, WHOLE, amounts, averaged_classes, averaged_levels, averaged_shares,
+    blurred_classes,
 };
 use super::sampled::{AnyCorners, Corners, Sampled, Shares};
 use crate::classes::{ClassShares, NO_CLASS, Share};
@@ -256,7 +257,7 @@ impl ShareMap {
         if factor == 1 {
             return Self::of_pixels(image, 0);
         }
-        Self::of_dense(image, factor, averaged_classes(image, &image.ids, factor).dense(num_classes(image)))
+        Self::of_dense(image, factor, averaged_levels(image, factor))
     }
 
     /// The mean class shares of blocks, where a network gave class shares of each pixel. There is no band, since the
