@@ -26,6 +26,7 @@ from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.threads import thread_pool
 
 OTHER_POSE = Check(
     topic="other-pose",
@@ -112,8 +113,10 @@ def _rivals(
         return []
     rivals, near = _maxima(observations, T_camera_lidar)
     if uncertainty is not None:
-        for start in _beside(T_camera_lidar) if observations.is_multimodal else near:
-            T_near = newton(observations, start, PolishConfig()).T_camera_lidar
+        starts = _beside(T_camera_lidar) if observations.is_multimodal else near
+        with thread_pool() as pool:
+            ends = list(pool.map(lambda start: newton(observations, start, PolishConfig()), starts))
+        for T_near in (end.T_camera_lidar for end in ends):
             if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
                 rivals.append(T_near)
     return rivals

@@ -12,6 +12,7 @@ import numpy as np
 
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.twists import pose_at
+from semcal_cli.threads import thread_pool
 
 NUM_POSES = 9
 """Number of poses of a generation: 4 + 3 ln 6, Hansen's default in six dimensions."""
@@ -32,7 +33,7 @@ def evolve(
     """Look for the highest value of an objective around a pose.
 
     Args:
-        objective: Function of a pose (4, 4); more is better, and minus infinity is nowhere.
+        objective: Function of a pose (4, 4), called in several threads; more is better, and minus infinity is nowhere.
         T_start: (4, 4) mean of the first poses, metres.
         shape: (6, 6) positive definite, the covariance of the first poses but for its scale, twists in metres and
             radians. By an inverse curvature, poses spread far where the objective changes little.
@@ -49,16 +50,17 @@ def evolve(
     axes *= STEP / np.exp(np.log(np.diag(axes)).mean())
     strategy = CMA(mean=np.zeros(6), sigma=1.0, seed=seed, population_size=NUM_POSES << num_vain)
     T_best, highest, patience = T_start, objective(T_start), PATIENCE
-    for _ in range(MAX_GENERATIONS):
-        twists = [strategy.ask() for _ in range(strategy.population_size)]
-        poses = [pose_at(T_start, axes @ twist) for twist in twists]
-        values = [objective(T) for T in poses]
-        strategy.tell([(twist, -value) for twist, value in zip(twists, values, strict=True)])
-        best = int(np.argmax(values))
-        if values[best] > highest:
-            T_best, highest, patience = poses[best], values[best], PATIENCE
-        else:
-            patience -= 1
-        if not patience or np.std(twists, axis=0).max() < SETTLED:
-            break
+    with thread_pool() as pool:
+        for _ in range(MAX_GENERATIONS):
+            twists = [strategy.ask() for _ in range(strategy.population_size)]
+            poses = [pose_at(T_start, axes @ twist) for twist in twists]
+            values = list(pool.map(objective, poses))
+            strategy.tell([(twist, -value) for twist, value in zip(twists, values, strict=True)])
+            best = int(np.argmax(values))
+            if values[best] > highest:
+                T_best, highest, patience = poses[best], values[best], PATIENCE
+            else:
+                patience -= 1
+            if not patience or np.std(twists, axis=0).max() < SETTLED:
+                break
     return T_best

@@ -18,6 +18,7 @@ from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations
+from semcal_cli.threads import thread_pool
 
 MEETING_DEG, MEETING_M = 0.4, 0.05
 """An end within this distance of a better one is at the same maximum, and is dropped."""
@@ -175,8 +176,9 @@ class SeveralStarts:
         compared = partial(self._compared, visible_only=visible_only)
 
         def polished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
-            poses = (self._polish(end.T_camera_lidar) for end in ends)
-            near = [pose for pose in poses if self._is_near(pose)]
+            with thread_pool() as pool:
+                poses = pool.map(lambda end: self._polish(end.T_camera_lidar), ends)
+                near = [pose for pose in poses if self._is_near(pose)]
             return compared(near) if near else []
 
         def near_a_maximum(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
