@@ -161,7 +161,8 @@ impl Observations {
         }
     }
 
-    /// Apart, so that points without segments are fast.
+    /// Calls `with` with the rows of a point's segments. This is a function of its own, so that the loop over points
+    /// without segments stays small.
     #[inline(never)]
     fn for_segments(&self, partitions: &Partitions, frame: usize, point: usize, with: &mut dyn FnMut(usize)) {
         partitions.rows(point).iter().for_each(|&row| with(self.first_rows[frame] + usize::from(row)));

@@ -4,7 +4,7 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use geometry::camera::{Camera, RUN};
-use nalgebra::{Isometry3, Point2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point2, Vector3};
 use rayon::prelude::*;
 
 use crate::point_cloud::to_f64;
@@ -75,7 +75,7 @@ impl Sweep {
             return (project_points(camera, points, pose), seen.hidden);
         }
         let cone = Cone::of(camera, pose);
-        let of_part = |part| project_points(camera, self.in_cone(&cone, part), pose);
+        let of_part = |part| project_in_cone(camera, self.in_cone(&cone, part), &cone);
         let parts = 0..self.points.len().div_ceil(GROUP * GROUPS_A_TASK);
         let projected = parts.into_par_iter().map(of_part).collect::<Vec<_>>().concat();
         let hidden = Arc::new(hidden(camera, self, origin, &projected));
@@ -106,10 +106,8 @@ impl Sweep {
 /// Number of neighbours in the order of a sweep that are left out together: 3 degrees of a ring of an HDL-64E, mostly of one surface.
 const GROUP: usize = 16;
 
-/// Number of groups of one task: a sweep of an HDL-64E takes two, and one of a Livox that stands for seconds many.
+/// Number of groups of one task. A sweep of an HDL-64E has two; those of several frames are tasks anyway.
 const GROUPS_A_TASK: usize = 4096;
-/// Smallest number of projected points of one task.
-const MIN_PROJECTED: usize = 8192;
 
 /// A ball (metres, LiDAR frame) around points.
 #[derive(Clone, Copy, Debug)]
@@ -131,9 +129,10 @@ impl Ball {
     }
 }
 
-/// The cone around the optical axis outside which nothing is in the image.
+/// The cone around the optical axis of a camera at a pose, outside which nothing is in the image.
 struct Cone {
-    t_camera_lidar: Isometry3<f64>,
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
     /// Cosine and sine of the largest angle from the axis.
     cosine: f64,
     sine: f64,
@@ -142,15 +141,33 @@ struct Cone {
 impl Cone {
     fn of(camera: &Camera, t_camera_lidar: &Isometry3<f64>) -> Self {
         let cosine = camera.view_cosine();
-        Self { t_camera_lidar: *t_camera_lidar, cosine, sine: (1.0 - cosine * cosine).sqrt() }
+        Self {
+            rotation: *t_camera_lidar.rotation.to_rotation_matrix().matrix(),
+            translation: t_camera_lidar.translation.vector,
+            cosine,
+            sine: (1.0 - cosine * cosine).sqrt(),
+        }
+    }
+
+    fn to_camera(&self, p_lidar: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation * p_lidar + self.translation
+    }
+
+    /// Whether a point (camera frame) lies inside. Numbers are compared by their squares with the signs kept, which needs
+    /// no root.
+    fn contains(&self, p_camera: &Vector3<f64>) -> bool {
+        p_camera.z * p_camera.z.abs() >= self.cosine * self.cosine.abs() * p_camera.norm_squared()
     }
 
     /// Whether a ball lies outside. Cones wider than a half-space exclude nothing.
     fn excludes(&self, ball: &Ball) -> bool {
-        let center = self.t_camera_lidar.rotation * ball.center + self.t_camera_lidar.translation.vector;
-        // From the line through the apex that is nearest: no point of the cone is nearer.
+        if self.cosine <= 0.0 {
+            return false;
+        }
+        let center = self.to_camera(&ball.center);
+        // Distance from the plane that touches the cone on the side of the centre: no point of the cone is nearer.
         let away = center.xy().norm() * self.cosine - center.z * self.sine;
-        self.cosine > 0.0 && away > ball.radius + ROUND_OFF * (1.0 + center.norm())
+        away > ball.radius + ROUND_OFF * (1.0 + center.norm())
     }
 }
 
@@ -161,7 +178,7 @@ const MAX_OCCLUDER_RANGE: f64 = 0.8;
 /// Distance behind the camera, metres, beyond which single precision is certain, of coordinates up to a million metres.
 const BEHIND_M: f32 = 0.5;
 
-/// Chords of the unit sphere that differ by less are equal, and so are lengths, relative to the distance.
+/// Chords of the unit sphere that differ by less are equal, and so are distances, relative to the larger one.
 const ROUND_OFF: f64 = 1e-9;
 
 /// Projects points (metres, LiDAR frame), given with their indices, and keeps those inside the image, in their order.
@@ -172,23 +189,21 @@ pub fn project_points<'a>(
     points: impl IntoIterator<Item = (usize, &'a [f32; 3])>,
     t_camera_lidar: &Isometry3<f64>,
 ) -> Vec<Projected> {
-    let (to_camera, min_cosine) = (to_camera(t_camera_lidar), camera.view_cosine());
-    let axis = t_camera_lidar.rotation.inverse_transform_vector(&Vector3::z()).map(|x| x as f32);
-    // Metres; a point this far behind the camera is there in single precision, too.
-    let behind = -t_camera_lidar.translation.z as f32 - BEHIND_M;
-    let is_behind = |[x, y, z]: [f32; 3]| axis.x * x + axis.y * y + axis.z * z < behind;
-    let left = points.into_iter().filter(|(_, point)| min_cosine < 0.0 || !is_behind(**point));
-    let in_camera = left.map(|(index, point)| (index, to_camera(point)));
-    // Squares with their signs, which grow with the numbers: no root is needed.
-    let min_square = min_cosine * min_cosine.abs();
-    let is_in_cone = |p: &Vector3<f64>| p.z * p.z.abs() >= min_square * p.norm_squared();
-    project(camera, in_camera.filter(|(_, p_camera)| is_in_cone(p_camera)))
+    project_in_cone(camera, points, &Cone::of(camera, t_camera_lidar))
 }
 
-fn to_camera(t_camera_lidar: &Isometry3<f64>) -> impl Fn(&[f32; 3]) -> Vector3<f64> + use<> {
-    let (rotation, translation) =
-        (*t_camera_lidar.rotation.to_rotation_matrix().matrix(), t_camera_lidar.translation.vector);
-    move |point| rotation * to_f64(point) + translation
+fn project_in_cone<'a>(
+    camera: &Camera,
+    points: impl IntoIterator<Item = (usize, &'a [f32; 3])>,
+    cone: &Cone,
+) -> Vec<Projected> {
+    let axis: [f32; 3] = std::array::from_fn(|column| cone.rotation[(2, column)] as f32);
+    // Metres; a point this far behind the camera is there in single precision, too.
+    let behind = -cone.translation.z as f32 - BEHIND_M;
+    let is_behind = |[x, y, z]: [f32; 3]| axis[0] * x + axis[1] * y + axis[2] * z < behind;
+    let left = points.into_iter().filter(|(_, point)| cone.cosine < 0.0 || !is_behind(**point));
+    let in_camera = left.map(|(index, point)| (index, cone.to_camera(&to_f64(point))));
+    project(camera, in_camera.filter(|(_, p_camera)| cone.contains(p_camera)))
 }
 
 /// Projects points (metres, camera frame), given with their indices, and keeps those inside the image, in their order.
@@ -206,6 +221,9 @@ fn project(camera: &Camera, mut points: impl Iterator<Item = (usize, Vector3<f64
         projected.extend(run.iter().flatten().filter(|point| camera.contains(&point.pixel)));
     }
 }
+
+/// Smallest number of projected points of one task, about half of those of a sweep of an HDL-64E in a narrow view.
+const MIN_PROJECTED: usize = 8192;
 
 /// Flags the projected points that are occluded from the camera.
 ///
@@ -348,24 +366,38 @@ mod tests {
     #[test]
     fn groups_are_left_out_only_where_none_of_their_points_is_in_the_image() {
         let (camera, ..) = scene(0.5);
-        // Rings around the LiDAR, far and near, one after the other; some points are no numbers.
+        let k = [[200.0, 0.0, 319.5], [0.0, 200.0, 239.5], [0.0, 0.0, 1.0]];
+        let fisheye = Camera::new("fisheye", (640, 480), k, &[0.0; 4]).expect("a valid camera");
+        // Rings around the LiDAR, far and near, one after the other, in more than one task; some coordinates are no
+        // numbers, or infinite.
         let ring = |tilt: i32| {
-            (0..500).map(move |i| {
-                let (azimuth, range) = (f64::from(i) * 0.0126, f64::from(1 + (i / 40 + tilt).rem_euclid(9)));
-                let point = [azimuth.sin() * range, f64::from(tilt) * 0.04 * range, azimuth.cos() * range];
-                if i % 97 == 0 { [f32::NAN; 3] } else { point.map(|x| x as f32) }
+            (0..3001).map(move |i| {
+                let (azimuth, range) = (f64::from(i) * 0.0021, f64::from(1 + (i / 240 + tilt).rem_euclid(9)));
+                let [x, y, z] =
+                    [azimuth.sin() * range, f64::from(tilt) * 0.04 * range, azimuth.cos() * range];
+                match i % 997 {
+                    1 => [x as f32, f32::NAN, z as f32],
+                    2 => [f32::NAN; 3],
+                    3 => [f32::INFINITY, y as f32, z as f32],
+                    _ => [x as f32, y as f32, z as f32],
+                }
             })
         };
         let points: Vec<[f32; 3]> = (-12..12).flat_map(ring).collect();
-        for turned in [0.0, 0.7, 2.0, 3.1] {
+        assert!(points.len() > GROUP * GROUPS_A_TASK && !points.len().is_multiple_of(GROUP));
+        let indices = |points: &[Projected]| points.iter().map(|point| point.index).collect::<Vec<_>>();
+        for (camera, turned) in
+            [0.0, 0.7, 2.0, 3.1].into_iter().flat_map(|by| [(&camera, by), (&fisheye, by)])
+        {
             let pose = Isometry3::new(Vector3::new(0.3, -0.1, 0.2), Vector3::new(0.1, turned, 0.05));
             let sweep = Sweep::from(points.clone());
-            let (found, _) = sweep.in_image(&camera, &pose, &Vector3::zeros());
-            let all = project_points(&camera, points.iter().enumerate(), &pose);
-            let indices = |points: &[Projected]| points.iter().map(|point| point.index).collect::<Vec<_>>();
+            let (found, _) = sweep.in_image(camera, &pose, &Vector3::zeros());
+            let all = project_points(camera, points.iter().enumerate(), &pose);
             assert_eq!(indices(&found), indices(&all));
-            let left = sweep.in_cone(&Cone::of(&camera, &pose), 0).count();
-            assert!(!all.is_empty() && left < points.len() / 2, "{left} of {} points", points.len());
+            let cone = Cone::of(camera, &pose);
+            let left: usize = (0..2).map(|part| sweep.in_cone(&cone, part).count()).sum();
+            let is_left_out = left < points.len() / 2;
+            assert!(!all.is_empty() && is_left_out == (cone.cosine > 0.0), "{left} of {}", points.len());
         }
     }
 

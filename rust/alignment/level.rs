@@ -28,10 +28,11 @@ const NUM_PROJECTED: usize = 4096;
 const CHUNK: usize = 2048;
 const CHUNK_WITH_PARTITIONS: usize = 8192;
 
-/// Calls with the maps of all frames, in the form that is fastest to read: cues with levels, such as edges, have eight.
+/// Calls with the maps of all frames in the form that is fastest to read. Edges alone have eight levels; other cues, and
+/// several together, take the general form.
 macro_rules! with_maps {
     ($maps:expr, $name:ident => $call:expr) => {
-        if let Some($name) = $crate::alignment::level::dense_maps::<8>($maps) {
+        if let Some($name) = $crate::alignment::level::dense_maps::<{ $crate::pyramid::WORD }>($maps) {
             $call
         } else {
             let $name: Vec<&ShareMap> = $maps.iter().map(|map| map.as_ref()).collect();
@@ -230,7 +231,7 @@ impl Level {
     }
 }
 
-/// The maps, if all have blocks of `N` classes each.
+/// The maps, if all blocks have `N` shares.
 pub(super) fn dense_maps<const N: usize>(maps: &[Arc<ShareMap>]) -> Option<Vec<DenseMap<'_, N>>> {
     maps.iter().map(|map| map.dense()).collect()
 }
@@ -291,7 +292,7 @@ impl PairValues<'_> {
         let &Sample { class, frame, point, .. } = sample;
         let width = self.observations.num_image_classes;
         if self.observations.frames[frame as usize].partitions.is_none() {
-            return with(&self.table[usize::from(class) * width..]);
+            return with(&self.table[usize::from(class) * width..][..width]);
         }
         let mut sums = [0.0; NO_CLASS as usize];
         self.observations.for_rows(frame as usize, point as usize, class, |row| {

@@ -6,8 +6,9 @@ use crate::label_image::LabelImage;
 /// Weight, out of 255, of pixels in the band along class borders.
 pub(super) const FAINT_AMOUNT: u8 = 26;
 
-/// Number of shares that are read together.
-pub(super) const WORD: usize = 8;
+/// Smallest number of shares of a block where each class has one: that of the levels of edges. Blocks of this many are
+/// read without branches.
+pub const WORD: usize = 8;
 
 /// Reach of a Gaussian, standard deviations.
 const REACH: f64 = 3.0;
@@ -64,14 +65,14 @@ impl Averaged {
 pub(super) struct Dense {
     /// Shares of each class, in 1/255, block by block.
     pub shares: Vec<u8>,
-    /// Number of shares of a block: that of its classes, and zeros up to a whole number of words.
+    /// Number of shares of a block: that of its classes, and zeros up to [`WORD`].
     pub width: usize,
     /// The class of blocks with a single class, else [`NO_CLASS`].
     pub only: Vec<u8>,
 }
 
 /// Number of classes up to the last that occurs; at least one, so that blocks have a length.
-pub(super) fn num_classes(image: &LabelImage<u8>) -> usize {
+fn num_classes(image: &LabelImage<u8>) -> usize {
     let classes = image.ids.iter().filter(|&&class| class != NO_CLASS);
     classes.max().map_or(1, |&class| usize::from(class) + 1)
 }
@@ -114,9 +115,9 @@ pub(super) fn averaged_classes(image: &LabelImage<u8>, only: &[u8], factor: usiz
 /// Averages classes without borders, such as levels of a gradient, over blocks: all pixels have full weight.
 pub(super) fn averaged_levels(image: &LabelImage<u8>, factor: usize) -> Dense {
     let (columns, rows, num_pixels) = (image.width / factor, image.height / factor, factor * factor);
-    let width = num_classes(image).next_multiple_of(WORD);
-    let amount = |count: usize| amount(count as u64 * u64::from(u8::MAX), num_pixels);
-    let amounts: Vec<u8> = (0..=num_pixels).map(amount).collect();
+    let width = num_classes(image).max(WORD);
+    let of_count = |count: usize| mean_amount(count as u64 * u64::from(u8::MAX), num_pixels);
+    let amounts: Vec<u8> = (0..=num_pixels).map(of_count).collect();
     let mut shares = Vec::with_capacity(columns * rows * width);
     let mut counts = vec![0_u32; columns * width];
     for lines in image.ids.chunks_exact(factor * image.width) {
@@ -152,7 +153,7 @@ pub(super) fn blurred_classes(image: &LabelImage<u8>, sigma_px: f64) -> Dense {
     // Sums along the lines around the current one, each in the place of its number modulo their count.
     let mut lines = vec![vec![0.0_f32; num_classes * width]; 2 * reach + 1];
     let mut next_line = 0;
-    let padded = num_classes.next_multiple_of(WORD);
+    let padded = num_classes.max(WORD);
     let (mut shares, mut only) = (vec![0; padded * width * height], vec![NO_CLASS; width * height]);
     let mut sums = vec![0.0_f32; num_classes * width];
     for row in 0..height {
@@ -236,7 +237,7 @@ impl Tally {
         self.seen.dedup();
         for class in self.seen.drain(..) {
             let sum = std::mem::take(&mut self.sums[usize::from(class)]);
-            let amount = amount(sum, whole);
+            let amount = mean_amount(sum, whole);
             if amount > 0 {
                 entries.push(Share { class, amount });
             }
@@ -244,16 +245,15 @@ impl Tally {
     }
 }
 
-/// Mean of a number of pixels.
-fn amount(sum: u64, num_pixels: usize) -> u8 {
+/// The share of a class in a block, by the sum of its pixels' shares.
+fn mean_amount(sum: u64, num_pixels: usize) -> u8 {
     rounded(sum as f32 / num_pixels as f32)
 }
 
-/// The nearest integer of a positive number, as `f32::round` gives it by a call where the processor has no such
-/// instruction.
+/// Rounds a number from 0 to 255 as `f32::round` does, which is a call where the processor has no such instruction.
 fn rounded(number: f32) -> u8 {
     let whole = number as i32;
-    (whole + i32::from(number - whole as f32 >= 0.5)) as u8
+    (whole + i32::from(number - whole as f32 >= 0.5)).min(u8::MAX.into()) as u8
 }
 
 /// Weight of each pixel, in 1/255: low if it is less than `width` pixels from one of another class, along rows and
@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn numbers_are_rounded_as_the_standard_library_rounds_them() {
-        let halves = (0..=510).map(|half| half as f32 * 0.5);
+        let halves = (0..=511).map(|half| half as f32 * 0.5);
         for number in halves.flat_map(|number| [number.next_down().max(0.0), number, number.next_up()]) {
             assert_eq!(rounded(number), number.round() as u8, "{number}");
         }

@@ -1,6 +1,7 @@
 //! The label pyramid: class shares of label images in blocks of pixels, and their values under a pixel.
 
 mod averaging;
+mod label_map;
 mod sampled;
 mod share_map;
 
@@ -10,8 +11,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use crate::classes::ClassShares;
 use crate::label_image::LabelImage;
 
+pub use averaging::WORD;
+pub use label_map::{DenseMap, LabelMap};
 pub use sampled::{AnyCorners, Corners, Sampled};
-pub use share_map::{DenseMap, LabelMap, ShareMap};
+pub use share_map::ShareMap;
 
 /// A label image and its levels, which the stages of a calibration use repeatedly.
 #[derive(Debug)]

@@ -129,7 +129,7 @@ impl<const N: usize> Corners for [&[u8; N]; 4] {
     }
 }
 
-/// The numbers of bytes, since a look-up takes less time than a conversion.
+/// The number of each byte: where sums run one after the other, a look-up takes less time than a conversion.
 static NUMBERS: [f64; 256] = {
     let mut numbers = [0.0; 256];
     let mut byte = 0;
