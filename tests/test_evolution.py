@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from semcal_cli import threads
 from semcal_cli.estimation.refine.evolution import NUM_POSES, PATIENCE, evolve
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, compare_poses
@@ -28,10 +29,14 @@ def is_at_summit(T: Pose) -> bool:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_summit_beyond_waves_is_found(seed: int) -> None:
+def test_a_summit_beyond_waves_is_found_by_any_number_of_threads(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = evolve(rugged, np.eye(4), SHAPE, seed)
     assert is_at_summit(found)
-    np.testing.assert_array_equal(evolve(rugged, np.eye(4), SHAPE, seed), found)
+    for num_threads in (1, 5):
+        monkeypatch.setattr(threads, "_num_threads", num_threads)
+        np.testing.assert_array_equal(evolve(rugged, np.eye(4), SHAPE, seed), found)
 
 
 def test_the_slope_does_not_lead_there() -> None:

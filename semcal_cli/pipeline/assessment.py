@@ -168,8 +168,8 @@ class _AssessedPose:
         if deskewed is not None:
             seen, T = deskewed.for_intrinsics()
             observations = replace(self.data, observations=seen).checked_by
-        # Where there are many maxima, as by edges, only the motions of the points in the image count. On KITTI object and
-        # raw, the speed with cx changes the standard errors by at most 1 %.
+        # Where there are many maxima, as by edges, only the motions of the points in the image count. On KITTI object
+        # and raw, the speed with cx changes the standard errors by at most 1 %.
         is_known = is_same and (deskewed is None or observations.is_multimodal)
         around = self.around if is_known else around_intrinsics(observations, T)
         return estimate_intrinsics(observations, T, around)
