@@ -31,6 +31,7 @@ mod semantic_distance;
 mod speckle;
 mod spherical;
 mod thinning;
+mod view_cone;
 mod visibility;
 mod zoom;
 

@@ -4,10 +4,11 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use geometry::camera::{Camera, RUN};
-use nalgebra::{Isometry3, Matrix3, Point2, Vector3};
+use nalgebra::{Isometry3, Point2, Vector3};
 use rayon::prelude::*;
 
 use crate::point_cloud::to_f64;
+use crate::view_cone::{Ball, Cone};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Projected {
@@ -103,73 +104,12 @@ impl Sweep {
     }
 }
 
-/// Number of neighbours in the order of a sweep that are left out together: 3 degrees of a ring of an HDL-64E, mostly of one surface.
+/// Number of neighbours in the order of a sweep that are left out together: 3 degrees of a ring of an HDL-64E, mostly of
+/// one surface.
 const GROUP: usize = 16;
 
 /// Number of groups of one task. A sweep of an HDL-64E has two; those of several frames are tasks anyway.
 const GROUPS_A_TASK: usize = 4096;
-
-/// A ball (metres, LiDAR frame) around points.
-#[derive(Clone, Copy, Debug)]
-struct Ball {
-    center: Vector3<f64>,
-    radius: f64,
-}
-
-impl Ball {
-    fn around(points: &[[f32; 3]]) -> Self {
-        let bound = |of: fn(f32, f32) -> f32, start: f32| {
-            let bounds = points
-                .iter()
-                .fold([start; 3], |bounds, point| std::array::from_fn(|axis| of(bounds[axis], point[axis])));
-            to_f64(&bounds)
-        };
-        let (least, most) = (bound(f32::min, f32::INFINITY), bound(f32::max, f32::NEG_INFINITY));
-        Self { center: 0.5 * (least + most), radius: 0.5 * (most - least).norm() }
-    }
-}
-
-/// The cone around the optical axis of a camera at a pose, outside which nothing is in the image.
-struct Cone {
-    rotation: Matrix3<f64>,
-    translation: Vector3<f64>,
-    /// Cosine and sine of the largest angle from the axis.
-    cosine: f64,
-    sine: f64,
-}
-
-impl Cone {
-    fn of(camera: &Camera, t_camera_lidar: &Isometry3<f64>) -> Self {
-        let cosine = camera.view_cosine();
-        Self {
-            rotation: *t_camera_lidar.rotation.to_rotation_matrix().matrix(),
-            translation: t_camera_lidar.translation.vector,
-            cosine,
-            sine: (1.0 - cosine * cosine).sqrt(),
-        }
-    }
-
-    fn to_camera(&self, p_lidar: &Vector3<f64>) -> Vector3<f64> {
-        self.rotation * p_lidar + self.translation
-    }
-
-    /// Whether a point (camera frame) lies inside. Numbers are compared by their squares with the signs kept, which needs
-    /// no root.
-    fn contains(&self, p_camera: &Vector3<f64>) -> bool {
-        p_camera.z * p_camera.z.abs() >= self.cosine * self.cosine.abs() * p_camera.norm_squared()
-    }
-
-    /// Whether a ball lies outside. Cones wider than a half-space exclude nothing.
-    fn excludes(&self, ball: &Ball) -> bool {
-        if self.cosine <= 0.0 {
-            return false;
-        }
-        let center = self.to_camera(&ball.center);
-        // Distance from the plane that touches the cone on the side of the centre: no point of the cone is nearer.
-        let away = center.xy().norm() * self.cosine - center.z * self.sine;
-        away > ball.radius + ROUND_OFF * (1.0 + center.norm())
-    }
-}
 
 /// Only points nearer than this fraction of the range occlude: parallax between closer surfaces is small, and rough
 /// or slanted surfaces and range noise would occlude themselves.
@@ -178,7 +118,7 @@ const MAX_OCCLUDER_RANGE: f64 = 0.8;
 /// Distance behind the camera, metres, beyond which single precision is certain, of coordinates up to a million metres.
 const BEHIND_M: f32 = 0.5;
 
-/// Chords of the unit sphere that differ by less are equal, and so are distances, relative to the larger one.
+/// Chords of the unit sphere that differ by less are equal.
 const ROUND_OFF: f64 = 1e-9;
 
 /// Projects points (metres, LiDAR frame), given with their indices, and keeps those inside the image, in their order.

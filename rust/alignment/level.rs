@@ -35,7 +35,7 @@ macro_rules! with_maps {
         if let Some($name) = $crate::alignment::level::dense_maps::<{ $crate::pyramid::WORD }>($maps) {
             $call
         } else {
-            let $name: Vec<&ShareMap> = $maps.iter().map(|map| map.as_ref()).collect();
+            let $name: Vec<&$crate::pyramid::ShareMap> = $maps.iter().map(|map| map.as_ref()).collect();
             $call
         }
     };

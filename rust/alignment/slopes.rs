@@ -12,7 +12,7 @@ use super::level::{Level, PairValues, touch, with_maps};
 use super::projection::{Projection, with_width};
 use super::sample::{Mixed, Sample, Weights};
 use crate::mutual_information::JointHistogram;
-use crate::pyramid::{LabelMap, Sampled, ShareMap};
+use crate::pyramid::{LabelMap, Sampled};
 
 /// How the gradient is split into parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -115,10 +115,10 @@ def _rivals(
     if uncertainty is not None:
         starts = _beside(T_camera_lidar) if observations.is_multimodal else near
         with thread_pool() as pool:
-            ends = list(pool.map(lambda start: newton(observations, start, PolishConfig()), starts))
-        for T_near in (end.T_camera_lidar for end in ends):
-            if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
-                rivals.append(T_near)
+            ends = pool.map(lambda start: newton(observations, start, PolishConfig()), starts)
+            for T_near in [end.T_camera_lidar for end in ends]:
+                if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
+                    rivals.append(T_near)
     return rivals
 
 
