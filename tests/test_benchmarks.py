@@ -186,7 +186,7 @@ def test_the_speed_beside_plain_torch(places: dict[str, Path], tmp_path: Path) -
 def documented_scripts() -> list[tuple[str, list[str]]]:
     """The scripts that the documentation names, each with the options that it gives them there."""
     found = re.findall(r"tests/benchmarks/(\w+\.py)([^`]*)`", text_of_all())
-    return [(script, re.findall(r"(?<!\S)--?[a-z][\w-]*", rest)) for script, rest in found]
+    return [(script, [word for word in shlex.split(rest) if word.startswith("-")]) for script, rest in found]
 
 
 def test_the_documentation_names_scripts() -> None:
