@@ -50,6 +50,7 @@ RUNS = {
     "hostile.py --only 'a long unknown key' --share 0.0001": 0,
     "hand_eye.py --drives 1 --width 320 --without-edges": 2,
     "hand_eye.py --drives 1 --width 320 --check": 5,
+    "higher_maxima.py DATA --only jam --poses 1": 12,
     "image_matching.py DATA --only synthetic --seeds 1 --frames 2 --width 640": 2,
     "initialization.py --pool POOL --seeds 1 --jobs 1 --only '35-degree lens' --frames 2 --width 160": 3,
     "knocked_drive.py -o OUT/knocked.png --frames 4 --width 320 --angle-deg 3": 0,

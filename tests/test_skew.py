@@ -17,10 +17,12 @@ from semcal_cli.drive.lidar import Lidar, Spin
 from semcal_cli.estimation.adjust import deskewed as speeds
 from semcal_cli.estimation.adjust.deskewed import deskew
 from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.pyramid import Level, Refinement
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.information import information_by_squares
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_points
@@ -115,6 +117,30 @@ def test_sweeps_show_the_speed(
     assert deskewed.covariance is not None
     along_view = street_truth[:3, :3] @ skew.view
     assert along_view @ deskewed.covariance[:3, :3] @ along_view > 0.036**2
+
+
+def test_where_maxima_are_many_the_highest_is_searched_for_at_each_speed(
+    skewed: Observations, street: Path, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = read_drive(street)
+    lidar = Lidar.model_validate({"spin": spin_at(street_truth)})
+    data = replace(load(drive), observations=skewed, drive=drive.model_copy(update={"lidar": lidar}))
+    beside = displace(street_truth, 0.4, 0.15, np.random.default_rng(0))
+    initial = start_at(data, InitialPose(beside, "beside"))
+    level = Level(1, beside, drift=0.0, num_points=1000, has_other_maxima=True)
+    refined = Refinement(
+        T_camera_lidar=beside, agreement=initial.agreement, levels=(level,), max_drift=0.5, converged=True
+    )
+    stages = Stages.from_refined(data, initial, refined, is_compensated=True)
+    monkeypatch.setattr(speeds, "newton", lambda *_: pytest.fail("polished only"))
+    seen, stages = deskew_sweeps(data, stages)
+    assert stages.deskewed is not None
+    speed, T = stages.deskewed.speed, stages.T_camera_lidar
+    assert speed is not None
+    assert speed.is_used
+    assert abs(speed.along_view_m_s - FAST_M_S) < 3.0 * speed.sigma_m_s
+    at_truth = newton(seen.observations, street_truth, PolishConfig()).T_camera_lidar
+    assert compare_poses(T, at_truth).is_within(0.03, 0.01)
 
 
 def test_an_error_of_the_speed_is_part_of_the_interval(

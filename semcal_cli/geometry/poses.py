@@ -258,6 +258,10 @@ class PoseError:
         """Difference of the camera centres, to be printed."""
         return tuple(100.0 * length for length in self.camera_center_xyz_m)
 
+    def is_within(self, angle_deg: float, distance_m: float) -> bool:
+        """Whether the calibration is no farther off than an angle and a distance of the camera centre."""
+        return self.rotation_deg <= angle_deg and self.camera_center_m <= distance_m
+
     def describe(self) -> dict[str, Any]:
         """Return the figures as documents and JSON have them, in degrees and centimetres."""
         return {

@@ -227,7 +227,8 @@ def deskew_sweeps(
     T = stages.T_camera_lidar
     if (skew := Skew.of(data.drive, T)) is None:
         return data, stages
-    stage = partial(deskew, data.observations, skew, T)
+    has_other_maxima = stages.refined is not None and stages.refined.levels[-1].has_other_maxima
+    stage = partial(deskew, data.observations, skew, T, has_other_maxima=has_other_maxima)
     deskewed = announced("deskewed", "estimating the speed", stage, on_event, T)
     return replace(data, observations=deskewed.observations), replace(stages, deskewed=deskewed)
 

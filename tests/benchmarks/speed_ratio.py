@@ -17,7 +17,7 @@ from statistics import median
 
 from benchmark import Ended, run_process, script, street, table
 
-STAGES = ("load", "initial", "refined", "polished", "assessed")
+STAGES = ("load", "initial", "refined", "deskewed", "polished", "assessed")
 STAGE = re.compile(rf"^({'|'.join(STAGES)}) +([0-9.]+) s ", re.MULTILINE)
 ON_DRIVES = ("calibrate", "calibrate --estimator mine", "verify", "report", "overlay", "inspect")
 """Processes on a drive; all but the first two, and the last one, take its calibration as well."""
@@ -108,7 +108,7 @@ def stage_rows(of_drive: str, runs: list[tuple[Ended, Ended]]) -> Iterator[tuple
 
     parts = [[stages(run) for run in each] for each in zip(*runs, strict=True)]
     for name in (*STAGES, "the rest"):
-        before, after = (f"{median(each[name] for each in of_version):.2f}" for of_version in parts)
+        before, after = (f"{median(each.get(name, 0.0) for each in of_version):.2f}" for of_version in parts)
         yield f"{of_drive}: {name}", before, after
 
 

@@ -22,6 +22,7 @@ from semcal_cli import core
 from semcal_cli.config import PolishConfig
 from semcal_cli.estimation.adjust.intrinsics_estimate import ascend_with
 from semcal_cli.estimation.adjust.joint_fit import Variables, adjust_observations
+from semcal_cli.estimation.refine.higher_maxima import climb
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.information import information_by_squares
@@ -33,6 +34,11 @@ from semcal_cli.result.sections import MeasuredSpeed
 
 STEP_M_S = 5.0
 """Difference of the speeds that are compared: half a metre a turn, at ten turns per second."""
+NUM_STEPS = 2
+"""Number of such steps to either side that are tried where maxima are many. On a street of KITTI-360, passed at 10 m/s,
+the highest maximum at half of that is hard to find, and two of three searches ended before it."""
+NUM_SEARCHES = 2
+"""Number of searches for the highest maximum at each speed. See `higher_maxima.ROUNDS`."""
 LAST_M_S = 40.0
 """Speed at which the search ends without a maximum."""
 MAX_SIGMA_M_S = 2.0
@@ -45,7 +51,7 @@ MIN_SCENES = 4
 
 
 InverseCurvature: TypeAlias = npt.NDArray[np.float64] | None
-Climb: TypeAlias = Callable[
+FindBest: TypeAlias = Callable[
     [Observations, Pose, InverseCurvature], tuple[Observations, Pose, InverseCurvature]
 ]
 
@@ -90,15 +96,20 @@ class _Fits(NamedTuple):
     after: _Fit
 
 
-def deskew(observations: Observations, skew: Skew, T_camera_lidar: Pose) -> Deskewed:
+def deskew(
+    observations: Observations, skew: Skew, T_camera_lidar: Pose, *, has_other_maxima: bool = False
+) -> Deskewed:
     """Estimate the speed of the rig along the view, and deskew the sweeps if it moves.
 
     Args:
         observations: Points and images, as the drive gives them.
         skew: How a speed skews them.
         T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
+        has_other_maxima: Whether there are other maxima beside it. The highest one is then searched for at each speed:
+            that at a wrong speed may be another one than that at the right speed.
     """
-    fits = _fit_speeds(observations, skew, T_camera_lidar, _polish)
+    find_best = _make_search() if has_other_maxima else _polish
+    fits = _fit_speeds(observations, skew, T_camera_lidar, find_best, has_other_maxima=has_other_maxima)
     speed = None if fits is None else _find_maximum(fits)
     as_they_are = Deskewed(
         T_camera_lidar=T_camera_lidar,
@@ -117,9 +128,11 @@ def deskew(observations: Observations, skew: Skew, T_camera_lidar: Pose) -> Desk
         note = f"the images show no speed, {figures}, and none across it; sweeps stay as they are"
         return replace(as_they_are, note=note, speed=speed, covariance=covariance)
     seen = skew.deskewed(observations, speed.used_m_s)
-    # The polish holds out data, which took part in the fits: it starts where the speed alone moves the pose.
-    (change,) = local_coordinates([fits.middle.T_camera_lidar], fits.first.T_camera_lidar)
-    T = pose_at(T_camera_lidar, change)
+    T = fits.middle.T_camera_lidar
+    if not has_other_maxima:
+        # The polish holds out data, which took part in the fits: it starts where the speed alone moves the pose.
+        (change,) = local_coordinates([T], fits.first.T_camera_lidar)
+        T = pose_at(T_camera_lidar, change)
     return Deskewed(
         T_camera_lidar=T,
         agreement=core.agreement(seen.core, T),
@@ -147,6 +160,18 @@ def _polish(
     return observations, polished.T_camera_lidar, polished.inverse_curvature
 
 
+def _make_search() -> FindBest:
+    """Make a search for the highest maximum around a pose, from other poses each time."""
+    rng = np.random.default_rng(0)
+
+    def search(
+        observations: Observations, T_start: Pose, _: InverseCurvature
+    ) -> tuple[Observations, Pose, InverseCurvature]:
+        return observations, climb(observations, T_start, rng, NUM_SEARCHES), None
+
+    return search
+
+
 def _polish_with_cx(
     observations: Observations, T_start: Pose, inverse_curvature: InverseCurvature
 ) -> tuple[Observations, Pose, InverseCurvature]:
@@ -157,9 +182,15 @@ def _polish_with_cx(
 
 
 def _fit_speeds(
-    observations: Observations, skew: Skew, T_camera_lidar: Pose, climb: Climb, first_m_s: float = 0.0
+    observations: Observations,
+    skew: Skew,
+    T_camera_lidar: Pose,
+    find_best: FindBest,
+    first_m_s: float = 0.0,
+    *,
+    has_other_maxima: bool = False,
 ) -> _Fits | None:
-    """Polish the pose at one speed after another, to that of the largest information and one beyond.
+    """Find the best pose at one speed after another, to that of the largest information and one beyond.
 
     Returns None if there are too few scenes, or the information still rises at the last speed.
     """
@@ -168,7 +199,9 @@ def _fit_speeds(
         return None
 
     def fit(speed_m_s: float, T_start: Pose, inverse_curvature: InverseCurvature) -> _Fit:
-        seen, T, inverse_curvature = climb(skew.deskewed(observations, speed_m_s), T_start, inverse_curvature)
+        seen, T, inverse_curvature = find_best(
+            skew.deskewed(observations, speed_m_s), T_start, inverse_curvature
+        )
         parts = information_by_squares(seen, T)
         shares = parts.sums / max(parts.weights.sum(), 1.0)
         share_by_square = defaultdict[tuple[int, ...], float](float)
@@ -177,19 +210,26 @@ def _fit_speeds(
             share_by_square[tuple(square)] += share
         return _Fit(speed_m_s, T, share_by_square, inverse_curvature)
 
-    def next_to(near: _Fit, step_m_s: float) -> _Fit:
-        return fit(near.speed_m_s + step_m_s, near.T_camera_lidar, near.inverse_curvature)
+    def next_to(near: _Fit, step: int) -> _Fit:
+        return fit(near.speed_m_s + step * STEP_M_S, near.T_camera_lidar, near.inverse_curvature)
 
-    first = middle = fit(first_m_s, T_camera_lidar, None)
-    before, after = next_to(middle, -STEP_M_S), next_to(middle, STEP_M_S)
-    while max(before.information, after.information) > middle.information:
-        if before.information > after.information:
-            before, middle, after = next_to(before, -STEP_M_S), before, middle
-        else:
-            before, middle, after = middle, after, next_to(after, STEP_M_S)
-        if abs(middle.speed_m_s) >= LAST_M_S:
+    def highest() -> int:
+        return max(fits, key=lambda step: fits[step].information)
+
+    fits, checked = {0: fit(first_m_s, T_camera_lidar, None)}, None
+    for step in range(1, NUM_STEPS + 1) if has_other_maxima else ():
+        for sign in (-1, 1):
+            fits[sign * step] = next_to(fits[sign * (step - 1)], sign)
+    while (best := highest()) != checked:
+        if abs(fits[best].speed_m_s) >= LAST_M_S:
             return None
-    return _Fits(first, before, middle, after)
+        for step in (best - 1, best + 1):
+            if step not in fits or has_other_maxima:
+                # A search from here may end higher than one from a worse pose.
+                again = next_to(fits[best], step - best)
+                fits[step] = max(fits.get(step, again), again, key=lambda fit: fit.information)
+        checked = best
+    return _Fits(fits[0], fits[best - 1], fits[best], fits[best + 1])
 
 
 def _find_maximum(fits: _Fits) -> MeasuredSpeed | None:

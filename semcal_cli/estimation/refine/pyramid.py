@@ -43,6 +43,8 @@ class Level:
     """Number of points chosen at the level's start."""
     bound_nats: float | None = None
     """The Donsker-Varadhan bound at the level's end, where a network estimates it."""
+    has_other_maxima: bool = False
+    """Whether polishes from poses beside the end lead to other maxima."""
 
 
 class LevelOptimizer(Protocol):

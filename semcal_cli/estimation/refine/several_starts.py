@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli import core
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, StartsConfig
-from semcal_cli.estimation.refine.evolution import evolve
+from semcal_cli.estimation.refine.higher_maxima import climb, is_alone
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level, exact_config, pyramid_factors
 from semcal_cli.geometry.arrays import Pose
@@ -29,15 +29,6 @@ TIED_SIGMAS = 2.0
 chance."""
 NUM_POLISHED = 3
 """Number of the best ends that are polished."""
-BESIDE, FIRST_ROUNDS = ((0.12, 0.032), (0.19, 0.051), (0.26, 0.07)), 2
-"""Distances, degrees and metres, of poses beside a maximum, and rounds of the first polishes that start there. Their
-ends tell whether the maximum is alone. On three KITTI sets it is, so that nothing is searched there."""
-SAME_DEG, SAME_M = 0.05, 0.015
-"""Poses within this distance are at the same maximum, or on the way to it. With twice the distance, an earlier climb by
-polishes stayed 22 cm off on a street of KITTI-360."""
-MAX_SEARCHES, MAX_VAIN = 8, 2
-"""Largest number of searches for higher maxima, each around the last one found, and of those in a row that find none.
-On that street, one of three starts finds the highest only by the second, larger search (`tests/benchmarks/spin.py`)."""
 NEAR_A_MAXIMUM = 0.5
 """A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
 of a comparable maximum."""
@@ -100,10 +91,20 @@ class SeveralStarts:
             if len(self.poses) < 2:
                 break
         best, *_ = self._polished(visible_only=visible_only) if factor == 1 else near
-        if factor == 1 and starts.min_scenes_beside is not None:
-            num_scenes = len(set(self.observations.scenes))
-            best = best if num_scenes < starts.min_scenes_beside else self._climb_beside(best, visible_only)
-        return Level(factor, best.T_camera_lidar, near[0].drift, best.num_points)
+        has_others = (
+            factor == 1
+            and not self._has_few_scenes
+            and not is_alone(self.observations, best.T_camera_lidar, self.seed)
+        )
+        if has_others:
+            best = self._higher(best, visible_only)
+        return Level(factor, best.T_camera_lidar, near[0].drift, best.num_points, has_other_maxima=has_others)
+
+    @property
+    def _has_few_scenes(self) -> bool:
+        """Whether higher maxima are not searched for: with few scenes, maxima differ by chance."""
+        needed = self.starts.min_scenes_beside
+        return needed is None or len(set(self.observations.scenes)) < needed
 
     def _spread_around(self, T_start: Pose, factor: int) -> None:
         """Choose the starts of the first level around a pose (4, 4), and keep the given poses near it."""
@@ -204,57 +205,20 @@ class SeveralStarts:
         ]
         return sorted([best, *as_good], key=lambda maximum: self._distance(maximum.T_camera_lidar))
 
-    def _climb_beside(self, best: core.Aligned, visible_only: bool) -> core.Aligned:
-        """Search around the best maximum for a higher one, then around that, until a search finds none.
+    def _higher(self, best: core.Aligned, visible_only: bool) -> core.Aligned:
+        """Search around the best maximum, which is not alone, for a higher one.
 
-        Maxima are often a few pixels apart, and following the slope does not lead from one to the next. A maximum that
-        is alone is kept. Where information has a sign, the end also needs half of that of the best maximum.
+        Where information has a sign, the end also needs half of that of the best maximum.
         """
-        rng, T_best = np.random.default_rng(self.seed), best.T_camera_lidar
-        if self._is_alone(T_best, rng):
-            return best
-
-        def information(T: Pose) -> float:
-            return self.observations.information(T) if self._is_near(T) else -np.inf
-
-        T_highest, num_vain = T_best, 0
-        for _ in range(MAX_SEARCHES):
-            # Only for its curvature: the polish prefers other poses by a little, and would go back.
-            shape = newton(self.observations, T_highest, PolishConfig(max_rounds=1)).inverse_curvature
-            if shape is None:
-                break
-            T = evolve(information, T_highest, shape, int(rng.integers(2**31)), num_vain)
-            num_vain = num_vain + 1 if _is_within(T, T_highest, SAME_DEG, SAME_M) else 0
-            if num_vain == MAX_VAIN:
-                break
-            T_highest = T
-        T = self._polish(T_highest)
-        if information(T) <= information(T_best):
+        T_best = best.T_camera_lidar
+        T = climb(self.observations, T_best, np.random.default_rng(self.seed), is_allowed=self._is_near)
+        if self.observations.information(T) <= self.observations.information(T_best):
             return best
         (end,) = self._compared([T], visible_only)
         return end if end.value >= _near(best.value) else best
 
-    def _is_alone(self, T_camera_lidar: Pose, rng: np.random.Generator) -> bool:
-        """Whether polishes from poses beside a maximum lead back to it.
-
-        The polish prefers a pose that may be a little beside the maximum of the information. Polishes that do not lead
-        back at once, but at their end to where one of the maximum itself leads, count alike.
-        """
-        T_polished: Pose | None = None
-        for distance in BESIDE:
-            T_end = self._polish(displace(T_camera_lidar, *distance, rng), FIRST_ROUNDS)
-            if _is_within(T_end, T_camera_lidar, SAME_DEG, SAME_M):
-                continue
-            if T_polished is None:
-                T_polished = self._polish(T_camera_lidar)
-                if not _is_within(T_polished, T_camera_lidar, 2.0 * SAME_DEG, 2.0 * SAME_M):
-                    return False
-            if not _is_within(self._polish(T_end), T_polished, SAME_DEG, SAME_M):
-                return False
-        return True
-
-    def _polish(self, T_camera_lidar: Pose, max_rounds: int = PolishConfig.max_rounds) -> Pose:
-        return newton(self.observations, T_camera_lidar, PolishConfig(max_rounds=max_rounds)).T_camera_lidar
+    def _polish(self, T_camera_lidar: Pose) -> Pose:
+        return newton(self.observations, T_camera_lidar, PolishConfig()).T_camera_lidar
 
     def _compared(self, poses: Sequence[Pose], visible_only: bool) -> list[core.Aligned]:
         config = replace(self.config, steps=0)
@@ -266,7 +230,9 @@ class SeveralStarts:
         return max(away.rotation_deg / starts.spread_deg[1], away.camera_center_m / starts.spread_m[1])
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
-        return _is_within(T_camera_lidar, self.given[0], self.starts.farthest_deg, self.starts.farthest_m)
+        return compare_poses(T_camera_lidar, self.given[0]).is_within(
+            self.starts.farthest_deg, self.starts.farthest_m
+        )
 
 
 def pyramid_of(starts: StartsConfig) -> PyramidConfig:
@@ -284,11 +250,6 @@ def _distinct(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
     kept: list[core.Aligned] = []
     for end in ends:
         poses = [better.T_camera_lidar for better in kept]
-        if not any(_is_within(end.T_camera_lidar, T, MEETING_DEG, MEETING_M) for T in poses):
+        if not any(compare_poses(end.T_camera_lidar, T).is_within(MEETING_DEG, MEETING_M) for T in poses):
             kept.append(end)
     return kept
-
-
-def _is_within(T_camera_lidar: Pose, T_other: Pose, angle_deg: float, distance_m: float) -> bool:
-    away = compare_poses(T_camera_lidar, T_other)
-    return away.rotation_deg <= angle_deg and away.camera_center_m <= distance_m
