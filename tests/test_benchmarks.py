@@ -48,6 +48,8 @@ RUNS = {
     "find_mask.py DATA --only street": 1,
     "first_hour.py DATA -o OUT/hour --only mcap --places 2": 1,
     "hostile.py --only 'a long unknown key' --share 0.0001": 0,
+    "growth.py --pool OUT/growth -o OUT/growth.png --frames 1 --frames 2 --points 10000 --classes 2 --classes 40 "
+    "--threads 1 --width 160 --repeats 1": 6,
     "hand_eye.py --drives 1 --width 320 --without-edges": 2,
     "hand_eye.py --drives 1 --width 320 --check": 5,
     "higher_maxima.py DATA --only jam --poses 1": 12,

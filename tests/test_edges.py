@@ -12,7 +12,7 @@ import yaml
 from commands import invoke
 from conftest import FINE_STREET, make_pose, without
 
-from semcal_cli import core
+from semcal_cli import core, threads
 from semcal_cli.checks import other_pose
 from semcal_cli.checks.cues_disagree import check_coarse_cue
 from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
@@ -355,7 +355,28 @@ def test_a_higher_maximum_beside_is_found_where_scenes_are_enough(
     assert num_climbs
 
 
-def test_the_search_around_a_pose_beside_finds_the_right_one(seen: Observations, street_truth: Pose) -> None:
+def test_searches_end_when_two_in_a_row_find_nothing_or_at_their_limit(
+    seen: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nums_of_starts = list[int]()
+    ends = [make_pose((0.0, 0.01 * step, 0.0), (0.0, 0.0, 0.0)) @ street_truth for step in (1, 1, 2, 2, 2)]
+
+    def searched(_: object, __: object, num_starts: int, *___: object) -> Pose:
+        nums_of_starts.append(num_starts)
+        return ends[len(nums_of_starts) - 1]
+
+    monkeypatch.setattr(higher_maxima, "_search", searched)
+    climb(seen, street_truth, np.random.default_rng(0))
+    first = higher_maxima.NUM_STARTS
+    assert nums_of_starts == [first, first, 2 * first, first, 2 * first]
+    nums_of_starts.clear()
+    climb(seen, street_truth, np.random.default_rng(0), max_searches=3)
+    assert len(nums_of_starts) == 3
+
+
+def test_the_search_around_a_pose_beside_finds_the_right_one(
+    seen: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
     beside = displace(street_truth, 0.3, 0.08, np.random.default_rng(0))
     found = climb(seen, beside, np.random.default_rng(0))
     # The polish ends a little beside the highest information.
@@ -363,6 +384,7 @@ def test_the_search_around_a_pose_beside_finds_the_right_one(seen: Observations,
     error = compare_poses(found, street_truth)
     assert error.rotation_deg < 0.2
     assert error.camera_center_m < 0.02
+    monkeypatch.setattr(threads, "_num_threads", 5)
     np.testing.assert_array_equal(climb(seen, beside, np.random.default_rng(0)), found)
     # No end is near enough.
     assert climb(seen, beside, np.random.default_rng(0), is_allowed=lambda _: False) is beside

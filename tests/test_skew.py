@@ -141,6 +141,20 @@ def test_where_maxima_are_many_the_highest_is_searched_for_at_each_speed(
     assert abs(speed.along_view_m_s - FAST_M_S) < 3.0 * speed.sigma_m_s
     at_truth = newton(seen.observations, street_truth, PolishConfig()).T_camera_lidar
     assert compare_poses(T, at_truth).is_within(0.03, 0.01)
+    # Priors hold the pose, so that only polishes follow it.
+    with pytest.raises(pytest.fail.Exception, match="polished only"):
+        deskew_sweeps(data, stages, with_priors=True)
+
+
+def test_a_higher_maximum_is_kept_where_no_speed_is_found(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    beside = displace(street_truth, 0.4, 0.15, np.random.default_rng(0))
+    deskewed = deskew(street_observations, skew_at(street_truth), beside, np.random.default_rng(0))
+    assert deskewed.speed is not None
+    assert not deskewed.speed.is_used
+    assert deskewed.observations is street_observations
+    assert compare_poses(deskewed.T_camera_lidar, street_truth).is_within(0.05, 0.02)
 
 
 def test_an_error_of_the_speed_is_part_of_the_interval(

@@ -28,10 +28,11 @@ from semcal_cli.config import (
 from semcal_cli.drive.camera import check_intrinsics
 from semcal_cli.errors import CalibrationError, InputError, counted, name_in_errors
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
-from semcal_cli.estimation.adjust.deskewed import deskew
+from semcal_cli.estimation.adjust.deskewed import Deskewed, deskew
 from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
 from semcal_cli.estimation.refine.estimators import make_estimator
+from semcal_cli.estimation.refine.higher_maxima import has_other_maxima
 from semcal_cli.estimation.refine.polish import Polish, polish_pose
 from semcal_cli.estimation.refine.pyramid import Refinement, refine_pose
 from semcal_cli.estimation.refine.several_starts import pyramid_of
@@ -216,20 +217,37 @@ def refine_and_polish(
         return stages
     # An error of cx looks like a speed: where intrinsics are estimated, sweeps stay as they are.
     if config.jointly.is_empty:
-        unrolled, stages = deskew_sweeps(unrolled, stages, on_event)
+        unrolled, stages = deskew_sweeps(unrolled, stages, on_event, seed, with_priors=bool(priors))
     return _finish(unrolled, stages, config, priors, on_event)
 
 
 def deskew_sweeps(
-    data: LoadedDrive, stages: Stages, on_event: Listener = ignore
+    data: LoadedDrive,
+    stages: Stages,
+    on_event: Listener = ignore,
+    seed: int = 0,
+    *,
+    with_priors: bool = False,
 ) -> tuple[LoadedDrive, Stages]:
-    """Deskew sweeps by the speed that they show at the last pose, if the LiDAR turns and the drive gives no motion."""
-    T = stages.T_camera_lidar
+    """Deskew sweeps by the speed that they show at the last pose, if the LiDAR turns and the drive gives no motion.
+
+    Where other maxima are beside the pose, the highest at each speed is searched for, unless priors hold the pose.
+    """
+    T, observations = stages.T_camera_lidar, data.observations
     if (skew := Skew.of(data.drive, T)) is None:
         return data, stages
-    has_other_maxima = stages.refined is not None and stages.refined.levels[-1].has_other_maxima
-    stage = partial(deskew, data.observations, skew, T, has_other_maxima=has_other_maxima)
-    deskewed = announced("deskewed", "estimating the speed", stage, on_event, T)
+    rng = np.random.default_rng(seed)
+
+    def estimate() -> Deskewed:
+        if with_priors:
+            has_others = False
+        elif stages.refined is not None:
+            has_others = stages.refined.levels[-1].has_other_maxima
+        else:
+            has_others = has_other_maxima(observations, observations.starts, T, rng)
+        return deskew(observations, skew, T, rng if has_others else None)
+
+    deskewed = announced("deskewed", "estimating the speed", estimate, on_event, T)
     return replace(data, observations=deskewed.observations), replace(stages, deskewed=deskewed)
 
 

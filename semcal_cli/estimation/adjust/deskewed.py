@@ -27,6 +27,7 @@ from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.information import information_by_squares
 from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import adjoint, local_coordinates, pose_at
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.skew import Skew
@@ -35,8 +36,8 @@ from semcal_cli.result.sections import MeasuredSpeed
 STEP_M_S = 5.0
 """Difference of the speeds that are compared: half a metre a turn, at ten turns per second."""
 NUM_STEPS = 2
-"""Number of such steps to either side that are tried where maxima are many. On a street of KITTI-360, passed at 10 m/s,
-the highest maximum at half of that is hard to find, and two of three searches ended before it."""
+"""Number of such steps to either side that are always tried where maxima are many. On a street of KITTI-360, passed at
+10 m/s, searches at 5 m/s may end lower than those at a standstill."""
 NUM_SEARCHES = 2
 """Number of searches for the highest maximum at each speed. See `higher_maxima.ROUNDS`."""
 LAST_M_S = 40.0
@@ -97,7 +98,10 @@ class _Fits(NamedTuple):
 
 
 def deskew(
-    observations: Observations, skew: Skew, T_camera_lidar: Pose, *, has_other_maxima: bool = False
+    observations: Observations,
+    skew: Skew,
+    T_camera_lidar: Pose,
+    rng: np.random.Generator | None = None,
 ) -> Deskewed:
     """Estimate the speed of the rig along the view, and deskew the sweeps if it moves.
 
@@ -105,11 +109,13 @@ def deskew(
         observations: Points and images, as the drive gives them.
         skew: How a speed skews them.
         T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
-        has_other_maxima: Whether there are other maxima beside it. The highest one is then searched for at each speed:
-            that at a wrong speed may be another one than that at the right speed.
+        rng: Source of searches for the highest maximum at each speed, where there are others beside that pose: the
+            highest at a wrong speed may be another one than at the right speed. None where polishes follow the pose.
     """
-    find_best = _make_search() if has_other_maxima else _polish
-    fits = _fit_speeds(observations, skew, T_camera_lidar, find_best, has_other_maxima=has_other_maxima)
+    find_best = _polish if rng is None else _make_search(observations, T_camera_lidar, rng)
+    fits = _fit_speeds(observations, skew, T_camera_lidar, find_best, is_searched=rng is not None)
+    if fits is not None and rng is not None:
+        T_camera_lidar = fits.first.T_camera_lidar
     speed = None if fits is None else _find_maximum(fits)
     as_they_are = Deskewed(
         T_camera_lidar=T_camera_lidar,
@@ -128,11 +134,13 @@ def deskew(
         note = f"the images show no speed, {figures}, and none across it; sweeps stay as they are"
         return replace(as_they_are, note=note, speed=speed, covariance=covariance)
     seen = skew.deskewed(observations, speed.used_m_s)
-    T = fits.middle.T_camera_lidar
-    if not has_other_maxima:
+    if rng is None:
         # The polish holds out data, which took part in the fits: it starts where the speed alone moves the pose.
-        (change,) = local_coordinates([T], fits.first.T_camera_lidar)
+        (change,) = local_coordinates([fits.middle.T_camera_lidar], fits.first.T_camera_lidar)
         T = pose_at(T_camera_lidar, change)
+    else:
+        # All data choose the maximum, as in the search before.
+        _, T, _ = find_best(seen, fits.middle.T_camera_lidar, None)
     return Deskewed(
         T_camera_lidar=T,
         agreement=core.agreement(seen.core, T),
@@ -160,14 +168,18 @@ def _polish(
     return observations, polished.T_camera_lidar, polished.inverse_curvature
 
 
-def _make_search() -> FindBest:
-    """Make a search for the highest maximum around a pose, from other poses each time."""
-    rng = np.random.default_rng(0)
+def _make_search(observations: Observations, T_camera_lidar: Pose, rng: np.random.Generator) -> FindBest:
+    """Make a search for the highest maximum around a pose that stays near the given one (4, 4)."""
+    starts = observations.starts
+
+    def is_allowed(T: Pose) -> bool:
+        away = compare_poses(T, T_camera_lidar)
+        return starts is None or away.is_within(starts.farthest_deg, starts.farthest_m)
 
     def search(
         observations: Observations, T_start: Pose, _: InverseCurvature
     ) -> tuple[Observations, Pose, InverseCurvature]:
-        return observations, climb(observations, T_start, rng, NUM_SEARCHES), None
+        return observations, climb(observations, T_start, rng, NUM_SEARCHES, is_allowed), None
 
     return search
 
@@ -188,7 +200,7 @@ def _fit_speeds(
     find_best: FindBest,
     first_m_s: float = 0.0,
     *,
-    has_other_maxima: bool = False,
+    is_searched: bool = False,
 ) -> _Fits | None:
     """Find the best pose at one speed after another, to that of the largest information and one beyond.
 
@@ -216,19 +228,19 @@ def _fit_speeds(
     def highest() -> int:
         return max(fits, key=lambda step: fits[step].information)
 
-    fits, checked = {0: fit(first_m_s, T_camera_lidar, None)}, None
-    for step in range(1, NUM_STEPS + 1) if has_other_maxima else ():
+    fits, checked = {0: fit(first_m_s, T_camera_lidar, None)}, set[int]()
+    for step in range(1, NUM_STEPS + 1) if is_searched else ():
         for sign in (-1, 1):
             fits[sign * step] = next_to(fits[sign * (step - 1)], sign)
-    while (best := highest()) != checked:
+    while (best := highest()) not in checked:
         if abs(fits[best].speed_m_s) >= LAST_M_S:
             return None
         for step in (best - 1, best + 1):
-            if step not in fits or has_other_maxima:
-                # A search from here may end higher than one from a worse pose.
+            if step not in fits or is_searched:
+                # A search from the best pose, with other poses beside it, may end higher than one before.
                 again = next_to(fits[best], step - best)
                 fits[step] = max(fits.get(step, again), again, key=lambda fit: fit.information)
-        checked = best
+        checked.add(best)
     return _Fits(fits[0], fits[best - 1], fits[best], fits[best + 1])
 
 

@@ -44,7 +44,7 @@ class Level:
     bound_nats: float | None = None
     """The Donsker-Varadhan bound at the level's end, where a network estimates it."""
     has_other_maxima: bool = False
-    """Whether polishes from poses beside the end lead to other maxima."""
+    """Whether the best maximum had others beside it before higher ones were searched for; False if not known."""
 
 
 class LevelOptimizer(Protocol):

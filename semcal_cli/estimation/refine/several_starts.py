@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli import core
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, StartsConfig
-from semcal_cli.estimation.refine.higher_maxima import climb, is_alone
+from semcal_cli.estimation.refine.higher_maxima import climb, has_other_maxima
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level, exact_config, pyramid_factors
 from semcal_cli.geometry.arrays import Pose
@@ -91,20 +91,11 @@ class SeveralStarts:
             if len(self.poses) < 2:
                 break
         best, *_ = self._polished(visible_only=visible_only) if factor == 1 else near
-        has_others = (
-            factor == 1
-            and not self._has_few_scenes
-            and not is_alone(self.observations, best.T_camera_lidar, self.seed)
-        )
+        rng = np.random.default_rng(self.seed)
+        has_others = factor == 1 and has_other_maxima(self.observations, starts, best.T_camera_lidar, rng)
         if has_others:
-            best = self._higher(best, visible_only)
+            best = self._higher(best, rng, visible_only)
         return Level(factor, best.T_camera_lidar, near[0].drift, best.num_points, has_other_maxima=has_others)
-
-    @property
-    def _has_few_scenes(self) -> bool:
-        """Whether higher maxima are not searched for: with few scenes, maxima differ by chance."""
-        needed = self.starts.min_scenes_beside
-        return needed is None or len(set(self.observations.scenes)) < needed
 
     def _spread_around(self, T_start: Pose, factor: int) -> None:
         """Choose the starts of the first level around a pose (4, 4), and keep the given poses near it."""
@@ -205,13 +196,13 @@ class SeveralStarts:
         ]
         return sorted([best, *as_good], key=lambda maximum: self._distance(maximum.T_camera_lidar))
 
-    def _higher(self, best: core.Aligned, visible_only: bool) -> core.Aligned:
+    def _higher(self, best: core.Aligned, rng: np.random.Generator, visible_only: bool) -> core.Aligned:
         """Search around the best maximum, which is not alone, for a higher one.
 
         Where information has a sign, the end also needs half of that of the best maximum.
         """
         T_best = best.T_camera_lidar
-        T = climb(self.observations, T_best, np.random.default_rng(self.seed), is_allowed=self._is_near)
+        T = climb(self.observations, T_best, rng, is_allowed=self._is_near)
         if self.observations.information(T) <= self.observations.information(T_best):
             return best
         (end,) = self._compared([T], visible_only)
