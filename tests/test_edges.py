@@ -19,7 +19,7 @@ from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.estimation.refine import higher_maxima, several_starts
+from semcal_cli.estimation.refine import higher_maxima, polish, several_starts
 from semcal_cli.estimation.refine.higher_maxima import climb
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level
@@ -299,7 +299,7 @@ def test_a_maximum_beside_the_result_is_a_rival(
     uncertainty = SimpleNamespace(half_widths=np.full(6, 0.05))
 
     def sentences(end: Pose) -> str:
-        monkeypatch.setattr(other_pose, "newton", lambda *_: SimpleNamespace(T_camera_lidar=end))
+        monkeypatch.setattr(other_pose, "newton_from_each", lambda _, starts, __: [end for _ in starts])
         monkeypatch.setattr(
             other_pose,
             "sigmas_behind",
@@ -330,8 +330,8 @@ def test_a_higher_maximum_beside_is_found_where_scenes_are_enough(
             return beyond
 
         num_climbs.clear()
-        monkeypatch.setattr(several_starts, "newton", polished)
-        monkeypatch.setattr(higher_maxima, "newton", polished)
+        for module in (polish, higher_maxima):
+            monkeypatch.setattr(module, "newton", polished)
         monkeypatch.setattr(several_starts, "climb", climbed)
         starts = replace(STARTS_ALONE, num_starts=(1,), min_scenes_beside=min_scenes)
         level = SeveralStarts(seen, ExactConfig(steps=0), 0, starts).ascend(1, near, visible_only=True)

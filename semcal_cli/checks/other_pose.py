@@ -14,7 +14,7 @@ from semcal_cli import core
 from semcal_cli.checks.few_scenes import FEW_SCENES
 from semcal_cli.checks.wide_interval import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
-from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.polish import newton_from_each
 from semcal_cli.estimation.refine.pyramid import exact_config, pyramid_factors
 from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.findings.check import Check, Measured
@@ -26,7 +26,6 @@ from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
-from semcal_cli.threads import thread_pool
 
 OTHER_POSE = Check(
     topic="other-pose",
@@ -114,11 +113,9 @@ def _rivals(
     rivals, near = _maxima(observations, T_camera_lidar)
     if uncertainty is not None:
         starts = _beside(T_camera_lidar) if observations.is_multimodal else near
-        with thread_pool() as pool:
-            ends = pool.map(lambda start: newton(observations, start, PolishConfig()), starts)
-            for T_near in [end.T_camera_lidar for end in ends]:
-                if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
-                    rivals.append(T_near)
+        for T_near in newton_from_each(observations, starts, PolishConfig()):
+            if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
+                rivals.append(T_near)
     return rivals
 
 
@@ -142,8 +139,7 @@ def _maxima(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose
         for end in sorted(ends, key=lambda end: -end.value):
             away = compare_poses(end.T_camera_lidar, T_camera_lidar)
             # A rival is farther away than a trusted pose may be uncertain.
-            is_far = away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_m > MAX_HALF_WIDTH_M
-            (far if is_far else near).append(end.T_camera_lidar)
+            (near if away.is_within(MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M) else far).append(end.T_camera_lidar)
         far, near = far[:NUM_COMPARED], near[:NUM_COMPARED]
         poses = far if observations.is_multimodal else far + near
     return far, near

@@ -60,7 +60,7 @@ def assess_given(
     unrolled = data.unrolled(T)
     stages = Stages.from_refined(data, initial, None, is_compensated=True)
     stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
-    deskewed, stages = deskew_sweeps(unrolled, stages, on_event)
+    deskewed, stages = deskew_sweeps(unrolled, stages, on_event, config.seed)
     stages = replace(stages, polished=polish(deskewed, stages.T_camera_lidar, refinement, on_event))
     stages = assess(data, stages, refinement, on_event)
     return make_calibration(data, stages, config, initial_pose=start)

@@ -289,7 +289,7 @@ def _estimate(
         return assessed(start)
     with suppress(CalibrationError):
         nearby = assessed(start, is_nearby=True)
-        is_near = _is_near(nearby.T_camera_lidar, stated.T_camera_lidar, NEAR_DEG, NEAR_M)
+        is_near = compare_poses(nearby.T_camera_lidar, stated.T_camera_lidar).is_within(NEAR_DEG, NEAR_M)
         if is_near and nearby.uncertainty is not None and not nearby.findings:
             return nearby
     return assessed(initialize(data, InitializationConfig(), seed, on_event=on_event))
@@ -394,11 +394,6 @@ def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Axi
     return check, []
 
 
-def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
-    error = compare_poses(T_a, T_b)
-    return error.rotation_deg <= angle_deg and error.camera_center_m <= distance_m
-
-
 def _remedy(mistake: str, stated: InitialPose) -> str:
     """Describe how to correct a mistake that a transform looks like."""
     others = dict(zip(DIRECTIONS, DIRECTIONS[::-1], strict=True))
@@ -409,7 +404,7 @@ def _remedy(mistake: str, stated: InitialPose) -> str:
 
 def recognise(T_stated: Pose, T_estimate: Pose) -> list[str]:
     """List the mistakes that explain the difference between a given transform (4, 4) and the estimate (4, 4)."""
-    if _is_near(T_stated, T_estimate, SAME_DEG, SAME_M):
+    if compare_poses(T_stated, T_estimate).is_within(SAME_DEG, SAME_M):
         return []
     optical_body = np.eye(4)
     optical_body[:3, :3] = OPTICAL_AXES.T
@@ -427,5 +422,5 @@ def recognise(T_stated: Pose, T_estimate: Pose) -> list[str]:
     return [
         f"this looks like {name}"
         for name, T in poses_by_mistake.items()
-        if _is_near(T, T_estimate, SAME_DEG, SAME_M)
+        if compare_poses(T, T_estimate).is_within(SAME_DEG, SAME_M)
     ]

@@ -177,9 +177,9 @@ def _make_search(observations: Observations, T_camera_lidar: Pose, rng: np.rando
         return starts is None or away.is_within(starts.farthest_deg, starts.farthest_m)
 
     def search(
-        observations: Observations, T_start: Pose, _: InverseCurvature
+        seen: Observations, T_start: Pose, _: InverseCurvature
     ) -> tuple[Observations, Pose, InverseCurvature]:
-        return observations, climb(observations, T_start, rng, NUM_SEARCHES, is_allowed), None
+        return seen, climb(seen, T_start, rng, NUM_SEARCHES, is_allowed), None
 
     return search
 

@@ -12,13 +12,12 @@ import numpy as np
 
 from semcal_cli import core
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, StartsConfig
-from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.polish import newton, newton_from_each
 from semcal_cli.estimation.refine.pyramid import exact_config, pyramid_factors
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.observations import Observations
-from semcal_cli.threads import thread_pool
 
 BESIDE, FIRST_ROUNDS = ((0.12, 0.032), (0.19, 0.051), (0.26, 0.07)), 2
 """Distances, degrees and metres, of poses beside a maximum, and rounds of the first polishes that start there. Their
@@ -125,8 +124,7 @@ def _search(
     )
     ends = sorted(ends, key=lambda end: end.value, reverse=True)
     best = [end.T_camera_lidar for end in ends if is_allowed(end.T_camera_lidar)][:NUM_POLISHED]
-    with thread_pool() as pool:
-        polished = list(pool.map(lambda T: _polish(observations, T, ROUNDS), best))
+    polished = newton_from_each(observations, best, PolishConfig(max_rounds=ROUNDS))
     return max([T_camera_lidar, *filter(is_allowed, polished)], key=observations.information)
 
 

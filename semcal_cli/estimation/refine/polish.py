@@ -7,6 +7,7 @@ pointwise mutual information, paired over parts of the images. An accepted polis
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from semcal_cli.estimation.stage import StageResult
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.result.sections import HeldOut
+from semcal_cli.threads import thread_pool
 
 HELD_OUT = 3
 """One of this many frames, or regions of the images, is held out."""
@@ -128,6 +130,12 @@ def newton(
         inverse_curvature: (6, 6) of a run nearby, which saves time.
     """
     return core.polish(observations.core, T_camera_lidar, config, inverse_curvature)
+
+
+def newton_from_each(observations: Observations, poses: Sequence[Pose], config: PolishConfig) -> list[Pose]:
+    """Find the maxima (4, 4) near several poses, as `newton` does, side by side."""
+    with thread_pool() as pool:
+        return list(pool.map(lambda T: newton(observations, T, config).T_camera_lidar, poses))
 
 
 def _masked(observations: Observations, region: np.ndarray) -> Observations:

@@ -11,14 +11,13 @@ import numpy as np
 from semcal_cli import core
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, StartsConfig
 from semcal_cli.estimation.refine.higher_maxima import climb, has_other_maxima
-from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.polish import newton_from_each
 from semcal_cli.estimation.refine.pyramid import Level, exact_config, pyramid_factors
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations
-from semcal_cli.threads import thread_pool
 
 MEETING_DEG, MEETING_M = 0.4, 0.05
 """An end within this distance of a better one is at the same maximum, and is dropped."""
@@ -168,9 +167,8 @@ class SeveralStarts:
         compared = partial(self._compared, visible_only=visible_only)
 
         def polished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
-            with thread_pool() as pool:
-                poses = pool.map(lambda end: self._polish(end.T_camera_lidar), ends)
-                near = [pose for pose in poses if self._is_near(pose)]
+            poses = newton_from_each(self.observations, [end.T_camera_lidar for end in ends], PolishConfig())
+            near = [pose for pose in poses if self._is_near(pose)]
             return compared(near) if near else []
 
         def near_a_maximum(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
@@ -207,9 +205,6 @@ class SeveralStarts:
             return best
         (end,) = self._compared([T], visible_only)
         return end if end.value >= _near(best.value) else best
-
-    def _polish(self, T_camera_lidar: Pose) -> Pose:
-        return newton(self.observations, T_camera_lidar, PolishConfig()).T_camera_lidar
 
     def _compared(self, poses: Sequence[Pose], visible_only: bool) -> list[core.Aligned]:
         config = replace(self.config, steps=0)

@@ -276,8 +276,7 @@ class _Camera(NamedTuple):
             return False
         if self.T_camera_lidar is None or other.T_camera_lidar is None:
             return True
-        apart = compare_poses(self.T_camera_lidar, other.T_camera_lidar)
-        return apart.rotation_deg <= NEAR_DEG and apart.camera_center_m <= NEAR_M
+        return compare_poses(self.T_camera_lidar, other.T_camera_lidar).is_within(NEAR_DEG, NEAR_M)
 
 
 def group_by_camera(
