@@ -20,7 +20,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.refine import higher_maxima, polish, several_starts
-from semcal_cli.estimation.refine.higher_maxima import climb
+from semcal_cli.estimation.refine.higher_maxima import ClimbConfig, climb
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
@@ -370,7 +370,7 @@ def test_searches_end_when_two_in_a_row_find_nothing_or_at_their_limit(
     first = higher_maxima.NUM_STARTS
     assert nums_of_starts == [first, first, 2 * first, first, 2 * first]
     nums_of_starts.clear()
-    climb(seen, street_truth, np.random.default_rng(0), max_searches=3)
+    climb(seen, street_truth, np.random.default_rng(0), ClimbConfig(max_searches=3))
     assert len(nums_of_starts) == 3
 
 

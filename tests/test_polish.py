@@ -139,15 +139,12 @@ def test_the_pose_that_counts_is_the_one_that_has_to_settle(
     reasons: list[str],
 ) -> None:
     # As if held-out data had to get better by a lot, and poses had to move by less than nothing.
-    polish_config = partial(
-        PolishConfig, max_loss=3.0 if accepted else -1e6, settled_px=0.1 if settled else -1.0
-    )
+    polish_config = PolishConfig(max_loss=3.0 if accepted else -1e6, settled_px=0.1 if settled else -1.0)
     pyramid = partial(PyramidConfig, max_final_drift=1e6 if converged else -1.0)
-    monkeypatch.setattr("semcal_cli.config.PolishConfig", polish_config)
     monkeypatch.setattr(pipeline.calibration, "PyramidConfig", pyramid)
     data = LoadedDrive(read_drive(street), street_observations)
     initial = pipeline.start_at(data, InitialPose(street_truth, "truth"))
-    stages = pipeline.refine_and_polish(data, initial, RefinementConfig())
+    stages = pipeline.refine_and_polish(data, initial, RefinementConfig(polish=polish_config))
     assert stages.refined is not None
     is_kept = np.array_equal(stages.T_camera_lidar, stages.refined.T_camera_lidar)
     assert is_kept != accepted

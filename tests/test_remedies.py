@@ -1,7 +1,6 @@
 """What findings advise: options of the command, also where no pose was kept."""
 
 import re
-from functools import partial
 
 import click
 import pytest
@@ -32,10 +31,11 @@ def early(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
     return load(read_drive(folder), CalibrationConfig())
 
 
-def assessed(data: LoadedDrive) -> Stages:
+def assessed(data: LoadedDrive, config: RefinementConfig | None = None) -> Stages:
+    config = config or RefinementConfig()
     start = start_at(data, InitialPose(read_transform(data.drive.path), "start"))
-    stages = refine_and_polish(data, start, RefinementConfig(), from_afar=True)
-    return assess(data, stages, RefinementConfig(), with_label_bleed=False)
+    stages = refine_and_polish(data, start, config, from_afar=True)
+    return assess(data, stages, config, with_label_bleed=False)
 
 
 def test_wrong_clocks_are_told(early: LoadedDrive) -> None:
@@ -45,12 +45,9 @@ def test_wrong_clocks_are_told(early: LoadedDrive) -> None:
     assert clocks.advice == WRONG_CLOCKS.advice
 
 
-def test_wrong_clocks_are_told_also_where_the_polish_is_rejected(
-    early: LoadedDrive, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wrong_clocks_are_told_also_where_the_polish_is_rejected(early: LoadedDrive) -> None:
     # As if held-out data had to get better by a lot.
-    monkeypatch.setattr("semcal_cli.config.PolishConfig", partial(PolishConfig, max_loss=-1e6))
-    stages = assessed(early)
+    stages = assessed(early, RefinementConfig(polish=PolishConfig(max_loss=-1e6)))
     assert stages.uncertainty is None
     assert {"polish-rejected", "clocks"} <= {finding.topic for finding in stages.findings}
 

@@ -191,7 +191,7 @@ def test_a_rig_that_stands_stays_as_it_is(street_observations: Observations, str
 
 def test_all_cues_show_the_speed(street: Path, street_truth: Pose) -> None:
     observations = load(read_drive(street), CalibrationConfig(cues=("labels", "edges"))).observations
-    fits = speeds._fit_speeds(observations, skew_at(street_truth), street_truth, speeds._polish)
+    fits = speeds._fit_speeds(observations, skew_at(street_truth), street_truth, speeds.POLISH)
     assert fits is not None
     mean = information_by_squares(observations, fits.first.T_camera_lidar).mean
     assert fits.first.information == pytest.approx(mean)
@@ -208,8 +208,8 @@ def test_a_speed_does_not_hide_a_wrong_principal_point(
     wrong = replace(skewed, camera=off)
     by_polish, with_cx = (
         speeds._find_maximum(fits)
-        for polish in (speeds._polish, speeds._polish_with_cx)
-        if (fits := speeds._fit_speeds(wrong, skew, street_truth, polish)) is not None
+        for ascent in (speeds.POLISH, speeds.POLISH_WITH_CX)
+        if (fits := speeds._fit_speeds(wrong, skew, street_truth, ascent)) is not None
     )
     assert by_polish is not None
     assert with_cx is not None

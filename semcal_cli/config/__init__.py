@@ -335,11 +335,8 @@ class RefinementConfig:
     )
     jointly: AdjustmentConfig = field(default_factory=AdjustmentConfig)
     """What is estimated with the pose."""
-
-    @property
-    def polish(self) -> PolishConfig:
-        """Settings of the polish."""
-        return PolishConfig()
+    polish: PolishConfig = PolishConfig()
+    """Settings of the polish."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from unittest.mock import patch
 
 import numpy as np
 from benchmark import script, table
@@ -21,8 +20,7 @@ from real_data import real_drives
 
 from semcal_cli.config import CalibrationConfig, PolishConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.estimation.refine import higher_maxima
-from semcal_cli.estimation.refine.higher_maxima import FIRST_ROUNDS, ROUNDS, climb
+from semcal_cli.estimation.refine.higher_maxima import ClimbConfig, climb
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
@@ -38,24 +36,20 @@ AWAY_DEG, AWAY_M = 0.25, 0.15
 SAME = 0.99
 """An end is at the best maximum if it has at least this share of its information: polishes end a little lower."""
 WAYS = {
-    "one, ends polished to their end": (1, PolishConfig.max_rounds),
-    "one": (1, ROUNDS),
-    "two": (2, ROUNDS),
-    "two, ends polished for two rounds": (2, FIRST_ROUNDS),
-    "until two are in vain": (higher_maxima.MAX_SEARCHES, ROUNDS),
+    "one, ends polished to their end": ClimbConfig(1, PolishConfig.max_rounds),
+    "one": ClimbConfig(1),
+    "two": ClimbConfig(2),
+    "two, ends polished for two rounds": ClimbConfig(2, rounds=2),
+    "until two are in vain": ClimbConfig(),
 }
-"""Number of searches, and rounds of their polishes."""
 
 
 def search_all(seen: Observations, starts: list[Pose]) -> Iterator[tuple[str, list[Pose], float]]:
     """Search from all poses (4, 4) in each way, and time it."""
-    for way, (num_searches, rounds) in WAYS.items():
-        with patch.object(higher_maxima, "ROUNDS", rounds):
-            begun = perf_counter()
-            ends = [
-                climb(seen, T, np.random.default_rng(seed), num_searches) for seed, T in enumerate(starts)
-            ]
-            yield way, ends, (perf_counter() - begun) / len(starts)
+    for way, config in WAYS.items():
+        begun = perf_counter()
+        ends = [climb(seen, T, np.random.default_rng(seed), config) for seed, T in enumerate(starts)]
+        yield way, ends, (perf_counter() - begun) / len(starts)
 
 
 def main(data: Path, *, only: str = "KITTI-360", poses: int = 16) -> Iterator[str]:

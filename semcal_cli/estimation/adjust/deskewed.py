@@ -22,7 +22,7 @@ from semcal_cli import core
 from semcal_cli.config import PolishConfig
 from semcal_cli.estimation.adjust.intrinsics_estimate import ascend_with
 from semcal_cli.estimation.adjust.joint_fit import Variables, adjust_observations
-from semcal_cli.estimation.refine.higher_maxima import climb
+from semcal_cli.estimation.refine.higher_maxima import ClimbConfig, climb
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.information import information_by_squares
@@ -38,8 +38,8 @@ STEP_M_S = 5.0
 NUM_STEPS = 2
 """Number of such steps to either side that are always tried where maxima are many. On a street of KITTI-360, passed at
 10 m/s, searches at 5 m/s may end lower than those at a standstill."""
-NUM_SEARCHES = 2
-"""Number of searches for the highest maximum at each speed. See `higher_maxima.ROUNDS`."""
+AT_A_SPEED = ClimbConfig(max_searches=2)
+"""Searches for the highest maximum at one speed."""
 LAST_M_S = 40.0
 """Speed at which the search ends without a maximum."""
 MAX_SIGMA_M_S = 2.0
@@ -52,14 +52,12 @@ MIN_SCENES = 4
 
 
 InverseCurvature: TypeAlias = npt.NDArray[np.float64] | None
-FindBest: TypeAlias = Callable[
-    [Observations, Pose, InverseCurvature], tuple[Observations, Pose, InverseCurvature]
-]
+"""(6, 6) of a polish near by, which saves time; None if there is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Deskewed(StageResult):
-    """Pose with deskewed sweeps; the pose before where sweeps stay as they are."""
+    """Pose after deskewing; the pose before it if sweeps were left unchanged."""
 
     observations: Observations
     """Points where the LiDAR would have seen them at the moment of the image, and the images."""
@@ -71,6 +69,23 @@ class Deskewed(StageResult):
     """Function that returns points and images, and the best pose (4, 4) with these, metres, by which intrinsics are
     tested. They are deskewed by the speed that the sweeps show whatever cx is: with a wrong one, they seem to have
     another speed."""
+
+
+class _Best(NamedTuple):
+    """The best pose on sweeps deskewed by one speed."""
+
+    observations: Observations
+    """The deskewed sweeps and the images, with the camera that goes with the pose."""
+    T_camera_lidar: Pose
+    inverse_curvature: InverseCurvature = None
+
+
+class _Ascent(NamedTuple):
+    """How the best pose on deskewed sweeps is looked for from another one (4, 4)."""
+
+    find: Callable[[Observations, Pose, InverseCurvature], _Best]
+    is_search: bool = False
+    """Whether it draws other poses, so that it may end higher when it is repeated."""
 
 
 class _Fit(NamedTuple):
@@ -112,8 +127,8 @@ def deskew(
         rng: Source of searches for the highest maximum at each speed, where there are others beside that pose: the
             highest at a wrong speed may be another one than at the right speed. None where polishes follow the pose.
     """
-    find_best = _polish if rng is None else _make_search(observations, T_camera_lidar, rng)
-    fits = _fit_speeds(observations, skew, T_camera_lidar, find_best, is_searched=rng is not None)
+    ascent = POLISH if rng is None else _make_search(observations, T_camera_lidar, rng)
+    fits = _fit_speeds(observations, skew, T_camera_lidar, ascent)
     if fits is not None and rng is not None:
         T_camera_lidar = fits.first.T_camera_lidar
     speed = None if fits is None else _find_maximum(fits)
@@ -140,7 +155,7 @@ def deskew(
         T = pose_at(T_camera_lidar, change)
     else:
         # All data choose the maximum, as in the search before.
-        _, T, _ = find_best(seen, fits.middle.T_camera_lidar, None)
+        T = ascent.find(seen, fits.middle.T_camera_lidar, None).T_camera_lidar
     return Deskewed(
         T_camera_lidar=T,
         agreement=core.agreement(seen.core, T),
@@ -155,20 +170,28 @@ def deskew(
 def _for_intrinsics(observations: Observations, skew: Skew, near: _Fit) -> tuple[Observations, Pose]:
     """Deskew by the speed that is found together with cx; without one, take sweeps as they are."""
     T = near.T_camera_lidar
-    fits = _fit_speeds(observations, skew, T, _polish_with_cx, near.speed_m_s)
+    fits = _fit_speeds(observations, skew, T, POLISH_WITH_CX, near.speed_m_s)
     speed = None if fits is None else _find_maximum(fits)
     seen = observations if speed is None else skew.deskewed(observations, speed.along_view_m_s)
     return seen, newton(seen, T, PolishConfig()).T_camera_lidar
 
 
-def _polish(
-    observations: Observations, T_start: Pose, inverse_curvature: InverseCurvature
-) -> tuple[Observations, Pose, InverseCurvature]:
+def _polish(observations: Observations, T_start: Pose, inverse_curvature: InverseCurvature) -> _Best:
     polished = newton(observations, T_start, PolishConfig(), inverse_curvature)
-    return observations, polished.T_camera_lidar, polished.inverse_curvature
+    return _Best(observations, polished.T_camera_lidar, polished.inverse_curvature)
 
 
-def _make_search(observations: Observations, T_camera_lidar: Pose, rng: np.random.Generator) -> FindBest:
+def _polish_with_cx(observations: Observations, T_start: Pose, _: InverseCurvature) -> _Best:
+    maximum = ascend_with(observations, T_start, ("cx",), levels=(1,))
+    changes = np.array(maximum.changes)
+    adjusted = adjust_observations(observations, Variables(("cx",), with_delay=False), changes)
+    return _Best(adjusted, maximum.T_camera_lidar)
+
+
+POLISH, POLISH_WITH_CX = _Ascent(_polish), _Ascent(_polish_with_cx)
+
+
+def _make_search(observations: Observations, T_camera_lidar: Pose, rng: np.random.Generator) -> _Ascent:
     """Make a search for the highest maximum around a pose that stays near the given one (4, 4)."""
     starts = observations.starts
 
@@ -176,31 +199,18 @@ def _make_search(observations: Observations, T_camera_lidar: Pose, rng: np.rando
         away = compare_poses(T, T_camera_lidar)
         return starts is None or away.is_within(starts.farthest_deg, starts.farthest_m)
 
-    def search(
-        seen: Observations, T_start: Pose, _: InverseCurvature
-    ) -> tuple[Observations, Pose, InverseCurvature]:
-        return seen, climb(seen, T_start, rng, NUM_SEARCHES, is_allowed), None
+    def search(seen: Observations, T_start: Pose, _: InverseCurvature) -> _Best:
+        return _Best(seen, climb(seen, T_start, rng, AT_A_SPEED, is_allowed))
 
-    return search
-
-
-def _polish_with_cx(
-    observations: Observations, T_start: Pose, inverse_curvature: InverseCurvature
-) -> tuple[Observations, Pose, InverseCurvature]:
-    maximum = ascend_with(observations, T_start, ("cx",), levels=(1,))
-    changes = np.array(maximum.changes)
-    adjusted = adjust_observations(observations, Variables(("cx",), with_delay=False), changes)
-    return adjusted, maximum.T_camera_lidar, inverse_curvature
+    return _Ascent(search, is_search=True)
 
 
 def _fit_speeds(
     observations: Observations,
     skew: Skew,
     T_camera_lidar: Pose,
-    find_best: FindBest,
+    ascent: _Ascent,
     first_m_s: float = 0.0,
-    *,
-    is_searched: bool = False,
 ) -> _Fits | None:
     """Find the best pose at one speed after another, to that of the largest information and one beyond.
 
@@ -211,16 +221,14 @@ def _fit_speeds(
         return None
 
     def fit(speed_m_s: float, T_start: Pose, inverse_curvature: InverseCurvature) -> _Fit:
-        seen, T, inverse_curvature = find_best(
-            skew.deskewed(observations, speed_m_s), T_start, inverse_curvature
-        )
-        parts = information_by_squares(seen, T)
+        best = ascent.find(skew.deskewed(observations, speed_m_s), T_start, inverse_curvature)
+        parts = information_by_squares(best.observations, best.T_camera_lidar)
         shares = parts.sums / max(parts.weights.sum(), 1.0)
         share_by_square = defaultdict[tuple[int, ...], float](float)
         # Frames of one scene, and cues, share squares.
         for square, share in zip(parts.by_scene.tolist(), shares.tolist(), strict=True):
             share_by_square[tuple(square)] += share
-        return _Fit(speed_m_s, T, share_by_square, inverse_curvature)
+        return _Fit(speed_m_s, best.T_camera_lidar, share_by_square, best.inverse_curvature)
 
     def next_to(near: _Fit, step: int) -> _Fit:
         return fit(near.speed_m_s + step * STEP_M_S, near.T_camera_lidar, near.inverse_curvature)
@@ -229,14 +237,14 @@ def _fit_speeds(
         return max(fits, key=lambda step: fits[step].information)
 
     fits, checked = {0: fit(first_m_s, T_camera_lidar, None)}, set[int]()
-    for step in range(1, NUM_STEPS + 1) if is_searched else ():
+    for step in range(1, NUM_STEPS + 1) if ascent.is_search else ():
         for sign in (-1, 1):
             fits[sign * step] = next_to(fits[sign * (step - 1)], sign)
     while (best := highest()) not in checked:
         if abs(fits[best].speed_m_s) >= LAST_M_S:
             return None
         for step in (best - 1, best + 1):
-            if step not in fits or is_searched:
+            if step not in fits or ascent.is_search:
                 # A search from the best pose, with other poses beside it, may end higher than one before.
                 again = next_to(fits[best], step - best)
                 fits[step] = max(fits.get(step, again), again, key=lambda fit: fit.information)

@@ -7,6 +7,7 @@ that ascents there, from poses all around, and polishes at full resolution from 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,13 +29,26 @@ polishes stayed 22 cm off on a street of KITTI-360."""
 NUM_STARTS, SPREAD_DEG, SPREAD_M = 12, (0.15, 0.5), (0.06, 0.2)
 """Number of poses from which a search ascends, the maximum and others beside it, and the distances of these. After a
 search in vain, the next one has twice as many."""
-NUM_POLISHED, ROUNDS = 3, 1
-"""Number of the best ends of a search that are polished, and rounds of these polishes. On a street of KITTI-360, 0.25
-degrees and 15 cm off, two such searches lead from 13 of 16 poses to the highest maximum; one with polishes to their end
-takes as long and leads there from 7 (`tests/benchmarks/higher_maxima.py`)."""
-MAX_SEARCHES, MAX_VAIN = 8, 2
-"""Largest number of searches, each around the highest maximum so far, and of those in a row that find none higher. On
-that street, all 16 poses then lead to the highest maximum (the same script)."""
+NUM_POLISHED, MAX_VAIN = 3, 2
+"""Number of the best ends of a search that are polished, and of searches in a row that end no higher."""
+
+
+@dataclass(frozen=True)
+class ClimbConfig:
+    """How many searches follow one another, and how far their ends are polished.
+
+    On a street of KITTI-360, from 16 poses 0.25 degrees and 15 cm off, two searches lead 13 to the highest maximum, and
+    searches until two are in vain all 16. One search with polishes to their end takes as long as two, and leads 7 there
+    (`tests/benchmarks/higher_maxima.py`).
+    """
+
+    max_searches: int = 8
+    """Largest number of searches, each around the highest maximum so far."""
+    rounds: int = 1
+    """Rounds of the polishes from the best ends of a search."""
+
+
+CLIMB = ClimbConfig()
 
 
 def has_other_maxima(
@@ -43,7 +57,7 @@ def has_other_maxima(
     """Whether polishes from poses beside a maximum lead to others, so that higher ones are to be searched for.
 
     The polish prefers a pose that may be a little beside the maximum of the information. Polishes that do not lead back
-    at once, but at their end to where one of the maximum itself leads, count alike.
+    at once, but end where the polish of the maximum itself ends, also count as having returned.
 
     Args:
         observations: Points and pixels of all frames.
@@ -73,7 +87,7 @@ def climb(
     observations: Observations,
     T_camera_lidar: Pose,
     rng: np.random.Generator,
-    max_searches: int = MAX_SEARCHES,
+    config: ClimbConfig = CLIMB,
     is_allowed: Callable[[Pose], bool] = lambda pose: True,
 ) -> Pose:
     """Search around a maximum for a higher one, then around that, until two searches in a row find none.
@@ -82,15 +96,15 @@ def climb(
         observations: Points and pixels of all frames.
         T_camera_lidar: (4, 4) maximum, metres.
         rng: Source of the poses and mini-batches.
-        max_searches: Largest number of searches, after which the last end counts.
+        config: Number of searches, and how their ends are polished.
         is_allowed: Function that tells whether a pose (4, 4) is near enough.
 
     Returns:
         The highest maximum (4, 4) found; the given pose if none is higher.
     """
     T_highest, num_vain = T_camera_lidar, 0
-    for _ in range(max_searches):
-        T = _search(observations, T_highest, NUM_STARTS << num_vain, rng, is_allowed)
+    for _ in range(config.max_searches):
+        T = _search(observations, T_highest, NUM_STARTS << num_vain, rng, config.rounds, is_allowed)
         num_vain = num_vain + 1 if compare_poses(T, T_highest).is_within(SAME_DEG, SAME_M) else 0
         T_highest = T
         if num_vain == MAX_VAIN:
@@ -105,6 +119,7 @@ def _search(
     T_camera_lidar: Pose,
     num_starts: int,
     rng: np.random.Generator,
+    rounds: int,
     is_allowed: Callable[[Pose], bool],
 ) -> Pose:
     """Ascend from a maximum (4, 4) and poses around it, and return the highest end, or the maximum itself."""
@@ -124,7 +139,7 @@ def _search(
     )
     ends = sorted(ends, key=lambda end: end.value, reverse=True)
     best = [end.T_camera_lidar for end in ends if is_allowed(end.T_camera_lidar)][:NUM_POLISHED]
-    polished = newton_from_each(observations, best, PolishConfig(max_rounds=ROUNDS))
+    polished = newton_from_each(observations, best, PolishConfig(max_rounds=rounds))
     return max([T_camera_lidar, *filter(is_allowed, polished)], key=observations.information)
 
 
