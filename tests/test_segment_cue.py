@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 from semcal_cli import core
 from semcal_cli.checks.families import check_consistency
 from semcal_cli.checks.other_pose import check_rivals
-from semcal_cli.config import CalibrationConfig, CueName, ExactConfig
+from semcal_cli.config import CalibrationConfig, CueName, ExactConfig, InitializationConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
 from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.search.mounting_search import search_mountings
 from semcal_cli.estimation.uncertainty.information import information_by_squares
 from semcal_cli.findings.check import findings_among
 from semcal_cli.formats import read_transform, write_transform
@@ -111,6 +112,20 @@ def test_a_start_two_degrees_off_comes_back(
     error = compare_poses(refine_and_polish(data, initial, config.refinement).T_camera_lidar, street_truth)
     assert error.rotation_deg < 0.15
     assert error.camera_center_cm < 3.0
+
+
+def test_the_camera_is_upright_though_the_lidar_is_upside_down(
+    seen: Observations, street_truth: Pose
+) -> None:
+    over = make_pose((np.pi, 0.0, 0.0), (0.0, 0.0, 0.0))
+    turned = replace(seen.of_classes, lidar=None).with_clouds(
+        cloud.with_points((cloud.points @ over[:3, :3].T).astype(np.float32)) for cloud in seen.clouds
+    )
+    hypotheses = search_mountings(turned, InitializationConfig(), 0).hypotheses
+    best = compare_poses(hypotheses[0].T_camera_lidar @ over, street_truth)
+    assert best.rotation_deg < 3.0
+    down_in_camera = [-(each.T_camera_lidar @ over)[:3, 2] for each in hypotheses]
+    assert min(down[1] for down in down_in_camera) > 0.5
 
 
 def test_a_drive_without_labels_of_points_needs_no_start(bare: Path, street_truth: Pose) -> None:

@@ -22,6 +22,8 @@ MAX_SHARE_OUTSIDE = 0.2
 MAX_TILT_DEG = 30.0
 """Tilt of the LiDAR against the ground from which it is also searched as if it stood upright. Rolls are searched up to
 15 degrees, and ascents reach as far again."""
+ALL_ROLLS_DEG = 180.0
+"""`max_roll_deg` that searches all rolls."""
 MIN_SINE = 1e-6
 """Below this sine of a tilt, a LiDAR is upside down, and any level axis turns it."""
 
@@ -45,8 +47,8 @@ def register(
 ) -> list[Candidate]:
     """Register label images with spherical images and solve PnP for each of the best placements (Alg. 2).
 
-    Rolls are searched around an upright LiDAR. Where the ground shows that it is not, it is also taken as
-    upright, unless a pose is given.
+    Rolls are searched around an upright LiDAR. Where the ground shows that it is not, it is turned upright, unless a
+    pose is given; labels, and a search of all rolls, also take it as it is.
 
     Args:
         observations: Labelled points and label images.
@@ -62,15 +64,18 @@ def register(
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points are not in the field of view of the drive's `lidar:` block.
     """
-    grid = _grid(observations)
     if around is not None:  # All rolls around the given pose are searched.
         T = _centred(np.eye(3), camera_center(around[0]))
-        return _registered(_moved(observations, T), grid, config, seed, T, around)
-    origin_m = np.array(observations.origin_m)
-    T = _centred(np.eye(3), origin_m)
-    moved = _moved(observations, T) if origin_m.any() else observations
-    candidates = _registered(moved, grid, config, seed, T)
-    if (upright := _upright_rotation(observations)) is not None:
+        return _registered(_moved(observations, T), _grid(observations), config, seed, T, around)
+    origin_m, candidates = np.array(observations.origin_m), list[Candidate]()
+    upright = _upright_rotation(observations)
+    # Ground and objects are as alike upside down: only the classes of labels tell which way up the camera is.
+    has_segments = any(cloud.partitions is not None for cloud in observations.clouds)
+    if upright is None or not has_segments or config.max_roll_deg >= ALL_ROLLS_DEG:
+        T = _centred(np.eye(3), origin_m)
+        moved = _moved(observations, T) if origin_m.any() else observations
+        candidates += _registered(moved, _grid(observations), config, seed, T)
+    if upright is not None:
         T = _centred(upright, origin_m)
         moved = _moved(observations, T)
         grid = core.estimate_grid([cloud.points for cloud in moved.clouds])
