@@ -60,7 +60,7 @@ def compare(settings: CompareSettings) -> None:
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
     from semcal_cli.cli.compare_several import ComparedFile, show_several
-    from semcal_cli.cli.outputs import PLOTS, check_outputs, check_vacant
+    from semcal_cli.cli.output_checks import PLOTS, check_outputs, check_vacant
     from semcal_cli.files.output_files import check_suffix
     from semcal_cli.pipeline.comparison import compare as compare_transforms, describe_cameras
     from semcal_cli.pipeline.verdict import together

@@ -14,7 +14,7 @@ import click
 import numpy as np
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.outputs import PLOTS
+from semcal_cli.cli.output_checks import PLOTS
 from semcal_cli.cli.tables import verdict_line, wrapped
 from semcal_cli.errors import printable
 from semcal_cli.files.output_files import write_bytes, write_text

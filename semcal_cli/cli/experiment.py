@@ -158,7 +158,7 @@ def table(settings: TableSettings) -> None:
     within 1 degree and 10 cm of that of RELLIS-3D or KITTI-360, the poses that the paper reports are listed below it,
     measured on the same frames.
     """
-    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.output_checks import check_outputs
     from semcal_cli.cli.stage_options import read_initial_pose
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.config import MAX_BASELINE_M

@@ -49,7 +49,7 @@ def rerun(settings: RerunSettings) -> None:
     """Write a recording of Rerun."""
     import numpy as np
 
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.output_checks import check_outputs, files_read
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.drive.document import read_drive
     from semcal_cli.observations.frame_selection import with_few_frames
@@ -126,7 +126,7 @@ def _read_with_transform(
     settings: McapSettings | NerfstudioSettings, terminal: Terminal
 ) -> tuple[Drive, Extrinsic]:
     """Read the frames to write, as the camera of a transform sees them, and the transform."""
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.output_checks import check_outputs, files_read
     from semcal_cli.drive.document import read_drive
     from semcal_cli.formats import read_reference
     from semcal_cli.observations.frame_selection import with_few_frames
@@ -192,7 +192,7 @@ class ColmapSettings(DriveSettings):
 )
 def colmap(settings: ColmapSettings) -> None:
     """Write a rig_config.json."""
-    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.output_checks import check_outputs
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.files.output_files import check_suffix, write_bytes
     from semcal_cli.formats.colmap import RigCamera, rig_config
@@ -259,7 +259,7 @@ class PlySettings(DriveSettings):
 )
 def ply(settings: PlySettings) -> None:
     """Write coloured sweeps."""
-    from semcal_cli.cli.outputs import check_image_folder, files_read
+    from semcal_cli.cli.output_checks import check_image_folder, files_read
     from semcal_cli.drive.document import read_drive
     from semcal_cli.formats import read_reference
     from semcal_cli.observations.frame_selection import with_few_frames

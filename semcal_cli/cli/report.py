@@ -34,7 +34,7 @@ def report(settings: ReportSettings) -> None:
     CALIBRATION is {KNOWN_TRANSFORMS}. For a rig.yaml, it is the folder that semcal calibrate wrote. The page is one
     HTML file with everything that is known about the transform, and can be read offline.
     """
-    from semcal_cli.cli.outputs import check_outputs, check_page, files_read
+    from semcal_cli.cli.output_checks import check_outputs, check_page, files_read
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.output_files import write_text
     from semcal_cli.many.rig.rig_document import find_rig

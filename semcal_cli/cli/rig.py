@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.jobs import Job, calibrate_each, failure_sentence
-from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
+from semcal_cli.cli.output_checks import check_outputs, check_page, files_read
+from semcal_cli.cli.outputs import Outputs, exit_code
 from semcal_cli.cli.rig_tables import rig_lines
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.start import choose_start

@@ -184,8 +184,7 @@ def _verify_given(settings: VerifySettings, drive: Path) -> Verification:
     """Verify the transform of one camera on a drive, which may be made of what is given."""
     from semcal_cli.cli.outputs import Outputs
 
-    # The JUnit file must not replace an input; neither must a log.
-    outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
+    outputs = Outputs(page=settings.page, images=settings.images, others=(settings.junit,))
     given = None if drive == settings.drive else settings.drive
     return _verify_drive(replace(settings, drive=drive, given=given), outputs)
 
@@ -218,7 +217,8 @@ def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
         click.UsageError: an option for a single camera is given.
         InputError: the rig, a drive, a transform or an output is wrong, or a camera has no transform.
     """
-    from semcal_cli.cli.outputs import Outputs, check_image_folder, check_outputs
+    from semcal_cli.cli.output_checks import check_image_folder, check_outputs
+    from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import labelled
     from semcal_cli.files.point_clouds import SweepCache
     from semcal_cli.many.rig.rig_result import check_one_each, transforms_of

@@ -88,7 +88,7 @@ def view(settings: ViewSettings) -> None:
 
 def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
     """Check that the page can save the transform, and that this replaces no input."""
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.output_checks import check_outputs, files_read
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.output_files import descriptor
 
