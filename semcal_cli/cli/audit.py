@@ -17,7 +17,8 @@ import click
 
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import JobSettings, LimitSettings, cue_list, json_flag
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import CalibrationConfig, CueName, Limits
 from semcal_cli.errors import InputError
 

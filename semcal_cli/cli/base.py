@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import DriveSettings, result_file
-from semcal_cli.cli.settings import FiniteNumber, command, option
+from semcal_cli.cli.parameter_types import FiniteNumber
+from semcal_cli.cli.settings import option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import CalibrationError, counted, shell
 
 if TYPE_CHECKING:

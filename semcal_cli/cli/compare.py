@@ -15,7 +15,8 @@ import click
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import json_flag, limit, reference_direction
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import Limits
 from semcal_cli.config.directions import Direction
 

@@ -13,7 +13,8 @@ from rich.console import Console
 from rich.text import Text
 
 from semcal_cli.cli.options import max_points
-from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, command, option, setting_of
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, option, setting_of
+from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.terminal import clock_time, live_lines, make_console, running_lines, time_left
 from semcal_cli.config import MAX_SEED, CalibrationConfig
 from semcal_cli.errors import check_torch

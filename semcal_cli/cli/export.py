@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import DriveSettings, reference_direction
-from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, command, option
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config.directions import Direction
 from semcal_cli.errors import InputError, check_installed, counted, one_of
 

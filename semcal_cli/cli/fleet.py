@@ -13,7 +13,8 @@ import click
 
 from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
 from semcal_cli.cli.options import LimitSettings, QuietSettings, inconclusive_choice, result_file
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import InputError, counted
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semcal_cli.cli.options import DriveSettings
-from semcal_cli.cli.settings import command, option
+from semcal_cli.cli.settings import option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import check_installed, counted
 
 

@@ -10,7 +10,8 @@ import click
 
 from semcal_cli.cli.options import DriveSettings, cue_list, reference_direction
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, given, one_of, refuse
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.config.directions import Direction
 

@@ -9,7 +9,8 @@ import click
 
 from semcal_cli.cli.options import RunSettings, reference_direction
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config.directions import Direction
 
 

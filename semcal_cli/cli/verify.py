@@ -23,7 +23,8 @@ from semcal_cli.cli.options import (
     json_flag,
 )
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, none_of, refuse
-from semcal_cli.cli.settings import argument, command, option, output_file, setting_of
+from semcal_cli.cli.settings import argument, option, output_file, setting_of
+from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.stage_options import as_far_as_named, read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.config.directions import Direction

@@ -10,7 +10,8 @@ import click
 
 from semcal_cli.cli.options import EstimateSettings, reference_direction
 from semcal_cli.cli.rules import none_of
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import AUTO, CalibrationConfig
 from semcal_cli.config.directions import Direction
