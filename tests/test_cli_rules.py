@@ -7,7 +7,7 @@ import pytest
 from conftest import Cli
 
 from semcal_cli.cli import semcal
-from semcal_cli.cli.settings import SettingsCommand
+from semcal_cli.cli.settings_command import SettingsCommand
 
 EXIT_USAGE = 2
 START = "--init t"

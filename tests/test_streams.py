@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hostile_commands import SEMCAL
 
-from semcal_cli.cli.outputs import check_outputs
+from semcal_cli.cli.output_checks import check_outputs
 from semcal_cli.errors import InputError
 from semcal_cli.files.output_files import descriptor, write_text
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from semcal_cli.cli.options import DriveSettings, QuietSettings
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import command, option
+from semcal_cli.cli.settings import option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import counted
 
 if TYPE_CHECKING:

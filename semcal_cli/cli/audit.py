@@ -17,7 +17,8 @@ import click
 
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import JobSettings, LimitSettings, cue_list, json_flag
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import CalibrationConfig, CueName, Limits
 from semcal_cli.errors import InputError
 
@@ -62,7 +63,7 @@ def audit(settings: AuditSettings) -> None:
 
     Exits with the worst code of any drive (1, then 3, 4, 0).
     """
-    from semcal_cli.cli.outputs import check_outputs, check_page, files_read
+    from semcal_cli.cli.output_checks import check_outputs, check_page, files_read
     from semcal_cli.drive.document import drive_file
     from semcal_cli.files.output_files import write_text
     from semcal_cli.many.audit.audit_page import audit_page_html

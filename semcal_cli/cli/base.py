@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import DriveSettings, result_file
-from semcal_cli.cli.settings import FiniteNumber, command, option
+from semcal_cli.cli.parameter_types import FiniteNumber
+from semcal_cli.cli.settings import option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import CalibrationError, counted, shell
 
 if TYPE_CHECKING:
@@ -50,7 +52,7 @@ def base(settings: BaseSettings) -> None:
     states its motion. No drive shows where on the vehicle base_link is: state that by --xy-m. base_link has x forward,
     y left and z up, and its origin on the ground. `semcal convert --base` uses the result.
     """
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.output_checks import check_outputs, files_read
     from semcal_cli.drive.document import read_drive
     from semcal_cli.estimation.vehicle.mounting_on_base import estimate_mounting
     from semcal_cli.files.documents import document_text, output_format

@@ -18,7 +18,8 @@ from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
 from semcal_cli.cli.options import MAX_THREADS, JobSettings
 from semcal_cli.cli.rules import given, refuse
-from semcal_cli.cli.settings import SettingsCommand, argument, command, option, without_option
+from semcal_cli.cli.settings import argument, option
+from semcal_cli.cli.settings_command import SettingsCommand, command, without_option
 from semcal_cli.cli.verify import VerifySettings, verify
 from semcal_cli.errors import torch_import
 

@@ -9,7 +9,7 @@ import click
 
 from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.label import label_on_the_way
-from semcal_cli.cli.settings import command
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import NoStartError, shell
 
 

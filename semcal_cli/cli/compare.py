@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -14,13 +15,16 @@ import click
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import json_flag, limit, reference_direction
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import Limits
 from semcal_cli.config.directions import Direction
 
 if TYPE_CHECKING:
+    from semcal_cli.cli.compare_several import ComparedFile
+    from semcal_cli.formats.semcal import Extrinsic
     from semcal_cli.pipeline.comparison import Axis, Comparison
-    from semcal_cli.pipeline.verdict import AxisVerdict, Verdict
+    from semcal_cli.pipeline.verdict import AxisVerdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,58 +60,89 @@ def compare(settings: CompareSettings) -> None:
 
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
-    from semcal_cli.cli.compare_several import ComparedFile, table_lines, write_csv, write_maps, write_plot
-    from semcal_cli.cli.outputs import PLOTS, check_outputs, check_vacant
-    from semcal_cli.cli.tables import verdict_line, wrapped
-    from semcal_cli.cli.terminal import COLORS, make_console
+    from semcal_cli.cli.compare_several import ComparedFile, show_several
+    from semcal_cli.cli.output_checks import PLOTS, check_outputs, check_vacant
     from semcal_cli.files.output_files import check_suffix
-    from semcal_cli.formats import read_reference
-    from semcal_cli.pipeline.comparison import compare as difference, describe_cameras
+    from semcal_cli.pipeline.comparison import compare as compare_transforms, describe_cameras
     from semcal_cli.pipeline.verdict import together
 
-    check_suffix(settings.plot, *PLOTS)
-    check_outputs([settings.a, settings.b, *settings.others], settings.csv, settings.plot)
-    check_vacant(settings.csv, settings.plot, force=settings.force)
     paths = [settings.b, *settings.others]
-    direction, camera = settings.reference_direction, settings.camera
-    tell = partial(click.echo, err=True)
-    a, b, *others = extrinsics = [
-        read_reference(path, direction, camera, has_camera_option=True, on_note=tell)
-        for path in (settings.a, *paths)
-    ]
-    if camera is not None and not any("camera" in each.asks for each in extrinsics):
-        raise click.UsageError(f"--camera {camera}: found no file that may hold several cameras.")
-    comparisons = [difference(a, other) for other in (b, *others)]
-    judged = [_checks(each, settings) for each in comparisons]
+    check_suffix(settings.plot, *PLOTS)
+    check_outputs([settings.a, *paths], settings.csv, settings.plot)
+    check_vacant(settings.csv, settings.plot, force=settings.force)
+    a, *others = _read_transforms(settings)
+    comparisons = [compare_transforms(a, other) for other in others]
+    checks = [_checks(comparison, settings) for comparison in comparisons]
     files = [
-        ComparedFile(str(path), each.error, together(check.verdict for check in checks))
-        for path, each, checks in zip(paths, comparisons, judged, strict=True)
+        ComparedFile(str(path), comparison.error, together(check.verdict for check in of_file))
+        for path, comparison, of_file in zip(paths, comparisons, checks, strict=True)
     ]
+    _write_files(settings, files, comparisons)
+    if settings.others:
+        report = show_several(files, str(settings.a), as_json=settings.as_json)
+    else:
+        _print_notes(settings, describe_cameras(a, others[0]), comparisons[0].note)
+        report = _show_two(settings, comparisons[0], checks[0])
+    report.tell_github()
+    sys.exit(report.exit_code)
+
+
+def _read_transforms(settings: CompareSettings) -> list[Extrinsic]:
+    """Read A and the transforms to compare with it.
+
+    Raises:
+        click.UsageError: a camera is named, and no file may hold several.
+        InputError: a file is missing or wrong.
+    """
+    from semcal_cli.formats import read_reference
+
+    camera = settings.camera
+    print_note = partial(click.echo, err=True)
+    extrinsics = [
+        read_reference(path, settings.reference_direction, camera, has_camera_option=True, on_note=print_note)
+        for path in (settings.a, settings.b, *settings.others)
+    ]
+    if camera is not None and not any("camera" in extrinsic.asks for extrinsic in extrinsics):
+        raise click.UsageError(f"--camera {camera}: found no file that may hold several cameras.")
+    return extrinsics
+
+
+def _write_files(
+    settings: CompareSettings, files: Sequence[ComparedFile], comparisons: Sequence[Comparison]
+) -> None:
+    """Write the table and the plot, if requested: maps of one transform, or bars."""
+    from semcal_cli.cli.compare_several import write_csv, write_maps, write_plot
+
     if settings.csv is not None:
         write_csv(files, settings.csv)
-    if settings.plot is not None and comparisons[0].in_image and not others:
+    if settings.plot is None:
+        return
+    if len(comparisons) == 1 and comparisons[0].in_image:
         write_maps(comparisons[0], str(settings.a), str(settings.b), settings.plot)
-    elif settings.plot is not None:
+    else:
         write_plot(files, settings.plot)
-    verdict = together(file.verdict for file in files)
-    if others:
-        cases = [Case(file.name, file.verdict, file.figures) for file in files]
-        several = CiReport("compare", str(settings.a), verdict, cases)
-        if settings.as_json:
-            rows = [file.error.describe() | {"file": file.name, "verdict": file.verdict} for file in files]
-            click.echo(json.dumps(rows, allow_nan=False))
-        else:
-            decisive = "; ".join(f"{file.name} {file.figures}" for file in files if file.verdict == verdict)
-            click.echo("\n".join([*table_lines(files), *_notes(verdict), verdict_line(verdict, decisive)]))
-        several.tell_github()
-        sys.exit(several.exit_code)
-    if (cameras := describe_cameras(a, b)) is not None:
+
+
+def _print_notes(settings: CompareSettings, cameras: str | None, note: str | None) -> None:
+    """Print how the cameras of two transforms differ, and why there is no difference in the image."""
+    from semcal_cli.cli.tables import wrapped
+
+    if cameras is not None:
         click.echo("\n".join(wrapped("camera", cameras)), err=True)
-    if (note := comparisons[0].note) is not None:
+    if note is not None:
         bars = "; --plot draws bars" if settings.plot is not None else ""
         click.echo("\n".join(wrapped("note", f"{note}{bars}")), err=True)
-    comparison, cases = comparisons[0], [Case.of_check(check) for check in judged[0]]
-    report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
+
+
+def _show_two(settings: CompareSettings, comparison: Comparison, checks: Sequence[AxisVerdict]) -> CiReport:
+    """Print the differences between two transforms and the verdict on them."""
+    from semcal_cli.cli.compare_several import notes_on
+    from semcal_cli.cli.tables import verdict_line
+    from semcal_cli.cli.terminal import COLORS, make_console
+    from semcal_cli.pipeline.verdict import together
+
+    verdict = together(check.verdict for check in checks)
+    cases = [Case.of_check(check) for check in checks]
     if settings.as_json:
         document = {
             "error": comparison.error.describe(),
@@ -120,24 +155,13 @@ def compare(settings: CompareSettings) -> None:
     else:
         console = make_console(stderr=False)
         console.print(f"{'':<18}{'A minus B':>12}    {'A: 95 % interval':<18}B: 95 % interval")
-        for axis in comparison.axes:
-            console.print(_line(axis))
-        for line in _image_lines(comparison):
+        for line in [*map(_line, comparison.axes), *_image_lines(comparison)]:
             console.print(line)
-        for line in _notes(verdict):
+        for line in notes_on(verdict):
             console.print(line, markup=False)
         decisive = "; ".join(f"{case.name} {case.figures}" for case in cases if case.verdict == verdict)
         console.print(verdict_line(verdict, decisive), style=COLORS[verdict], markup=False)
-    report.tell_github()
-    sys.exit(report.exit_code)
-
-
-def _notes(verdict: Verdict) -> list[str]:
-    """Name what tells which of two transforms is right, where they differ: no comparison does."""
-    from semcal_cli.cli.tables import wrapped
-
-    sentence = "the difference does not tell which of them is right; `semcal verify DRIVE FILE` does"
-    return wrapped("note", sentence) if verdict == "fail" else []
+    return CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
 
 
 def _checks(comparison: Comparison, settings: CompareSettings) -> list[AxisVerdict]:
@@ -171,19 +195,19 @@ def _image_lines(comparison: Comparison) -> list[str]:
     """Write the differences in the image at each range, next to what both intervals allow."""
     if not (differences := comparison.in_image):
         return []
-    has_allowed = any(each.allowed_worst_px is not None for each in differences)
+    has_allowed = any(difference.allowed_worst_px is not None for difference in differences)
     lines = [
         f"{'in the image':<18}{'straight ahead':>15}{'at worst':>13}"
         f"{'    both intervals allow' if has_allowed else ''}"
     ]
-    for each in differences:
-        ahead, worst = _pixels(each.ahead_px), _pixels(each.worst_px)
+    for difference in differences:
+        ahead, worst = _pixels(difference.ahead_px), _pixels(difference.worst_px)
         allowed = (
-            f"    {_pixels(each.allowed_ahead_px)} and {_pixels(each.allowed_worst_px)}"
+            f"    {_pixels(difference.allowed_ahead_px)} and {_pixels(difference.allowed_worst_px)}"
             if has_allowed
             else ""
         )
-        lines.append(f"{f'{each.range_m:g} m away':<18}{ahead:>15}{worst:>13}{allowed}")
+        lines.append(f"{f'{difference.range_m:g} m away':<18}{ahead:>15}{worst:>13}{allowed}")
     return lines
 
 

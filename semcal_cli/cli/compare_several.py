@@ -1,19 +1,24 @@
-"""Several transforms beside a first one: a table, a CSV file and a plot."""
+"""Several transforms beside a first one: a table, a verdict, a CSV file and a plot."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
 import numpy as np
 
-from semcal_cli.cli.outputs import PLOTS
+from semcal_cli.cli.ci import Case, CiReport
+from semcal_cli.cli.output_checks import PLOTS
+from semcal_cli.cli.tables import verdict_line, wrapped
 from semcal_cli.errors import printable
 from semcal_cli.files.output_files import write_bytes, write_text
+from semcal_cli.pipeline.verdict import together
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,7 +61,33 @@ class ComparedFile:
         return [self.name, *(f"{number + 0.0:.6f}" for number in numbers), self.verdict]
 
 
-def table_lines(files: Sequence[ComparedFile]) -> list[str]:
+def show_several(files: Sequence[ComparedFile], first: str, *, as_json: bool) -> CiReport:
+    """Print the differences of several transforms from a first one, and the verdict on all of them.
+
+    Args:
+        files: The transforms.
+        first: Name of the first one.
+        as_json: Whether they are printed as JSON, without the verdict.
+    """
+    verdict = together(file.verdict for file in files)
+    if as_json:
+        rows = [file.error.describe() | {"file": file.name, "verdict": file.verdict} for file in files]
+        click.echo(json.dumps(rows, allow_nan=False))
+    else:
+        decisive = "; ".join(f"{file.name} {file.figures}" for file in files if file.verdict == verdict)
+        click.echo("\n".join([*_table_lines(files), *notes_on(verdict), verdict_line(verdict, decisive)]))
+    return CiReport(
+        "compare", first, verdict, [Case(file.name, file.verdict, file.figures) for file in files]
+    )
+
+
+def notes_on(verdict: Verdict) -> list[str]:
+    """Describe how to learn which of the transforms is right, if they differ."""
+    sentence = "the difference does not tell which of them is right; `semcal verify DRIVE FILE` does"
+    return wrapped("note", sentence) if verdict == "fail" else []
+
+
+def _table_lines(files: Sequence[ComparedFile]) -> list[str]:
     """Write a line for each transform."""
     names = [printable(file.name) for file in files]
     width = max(map(len, names))

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.options import result_file
+from semcal_cli.cli.parameter_types import INPUT_FILE
 from semcal_cli.cli.rules import given, one_of
-from semcal_cli.cli.settings import INPUT_FILE, argument, command, option
+from semcal_cli.cli.settings import argument, option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config.directions import BaseDirection, CameraFrame, Direction
 
 if TYPE_CHECKING:

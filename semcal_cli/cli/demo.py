@@ -9,7 +9,8 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from semcal_cli.cli.options import RunSettings, ThreadSettings
-from semcal_cli.cli.settings import argument, command, option, setting_of
+from semcal_cli.cli.settings import argument, option, setting_of
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, is_installed

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import click
 
-from semcal_cli.cli.settings import ExampleCommand
+from semcal_cli.cli.settings_command import ExampleCommand
 from semcal_cli.errors import counted, describe_extra, is_installed, reason
 
 HUB = "https://huggingface.co"

@@ -13,7 +13,8 @@ from rich.console import Console
 from rich.text import Text
 
 from semcal_cli.cli.options import max_points
-from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, command, option, setting_of
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, option, setting_of
+from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.terminal import clock_time, live_lines, make_console, running_lines, time_left
 from semcal_cli.config import MAX_SEED, CalibrationConfig
 from semcal_cli.errors import check_torch
@@ -158,7 +159,7 @@ def table(settings: TableSettings) -> None:
     within 1 degree and 10 cm of that of RELLIS-3D or KITTI-360, the poses that the paper reports are listed below it,
     measured on the same frames.
     """
-    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.output_checks import check_outputs
     from semcal_cli.cli.stage_options import read_initial_pose
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.config import MAX_BASELINE_M

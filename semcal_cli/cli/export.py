@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +12,8 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import DriveSettings, reference_direction
-from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, command, option
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, argument, option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config.directions import Direction
 from semcal_cli.errors import InputError, check_installed, counted, one_of
 
@@ -49,7 +51,7 @@ def rerun(settings: RerunSettings) -> None:
     """Write a recording of Rerun."""
     import numpy as np
 
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.output_checks import check_outputs, files_read
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.drive.document import read_drive
     from semcal_cli.observations.frame_selection import with_few_frames
@@ -104,6 +106,7 @@ class McapSettings(DriveSettings):
 )
 def mcap(settings: McapSettings) -> None:
     """Write a recording of ROS 2."""
+    from semcal_cli.cli.output_checks import check_outputs
     from semcal_cli.cli.tables import wrapped
 
     for package in ("rosbags", "mcap"):
@@ -111,7 +114,7 @@ def mcap(settings: McapSettings) -> None:
     from semcal_cli.formats.ros2_recording import has_stamps, write_recording
 
     terminal, output = settings.terminal(), settings.output
-    drive, extrinsic = _read_with_transform(settings, terminal)
+    drive, extrinsic = _read_with_transform(settings, terminal, lambda read: check_outputs(read, output))
     with terminal:
         terminal.show("reading frames")
         write_recording(drive, extrinsic.T_camera_lidar, output)
@@ -123,17 +126,28 @@ def mcap(settings: McapSettings) -> None:
 
 
 def _read_with_transform(
-    settings: McapSettings | NerfstudioSettings, terminal: Terminal
+    settings: McapSettings | NerfstudioSettings | PlySettings,
+    terminal: Terminal,
+    check_output: Callable[[Sequence[Path]], None],
 ) -> tuple[Drive, Extrinsic]:
-    """Read the frames to write, as the camera of a transform sees them, and the transform."""
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    """Read the frames to write, as the camera of a transform sees them, and the transform.
+
+    Args:
+        settings: The drive, the transform and the number of frames.
+        terminal: Where to print how the camera of the transform differs.
+        check_output: Checks, before the transform is read, that the output replaces none of the files that are read.
+
+    Raises:
+        InputError: the drive, the transform or the output is wrong.
+    """
+    from semcal_cli.cli.output_checks import files_read
     from semcal_cli.drive.document import read_drive
     from semcal_cli.formats import read_reference
     from semcal_cli.observations.frame_selection import with_few_frames
     from semcal_cli.result.applied import apply_result
 
     whole = read_drive(settings.drive, settings.max_points)
-    check_outputs(files_read(whole, settings.calibration), settings.output)
+    check_output(files_read(whole, settings.calibration))
     extrinsic = read_reference(settings.calibration, settings.reference_direction)
     applied = apply_result(extrinsic.record, whole, str(settings.calibration))
     terminal.print_changes(applied.changes)
@@ -160,12 +174,13 @@ class NerfstudioSettings(DriveSettings):
 )
 def nerfstudio(settings: NerfstudioSettings) -> None:
     """Write a transforms.json."""
+    from semcal_cli.cli.output_checks import check_outputs
     from semcal_cli.files.output_files import check_suffix, write_bytes
     from semcal_cli.formats.nerfstudio import transforms_json
 
     check_suffix(settings.output, ".json")
     terminal, output = settings.terminal(), settings.output
-    drive, extrinsic = _read_with_transform(settings, terminal)
+    drive, extrinsic = _read_with_transform(settings, terminal, lambda read: check_outputs(read, output))
     write_bytes(transforms_json(drive, extrinsic.T_camera_lidar, output), output)
     terminal.print(f"wrote {output}: {counted(len(drive.frames), 'image')}", *extrinsic.warnings)
 
@@ -192,7 +207,7 @@ class ColmapSettings(DriveSettings):
 )
 def colmap(settings: ColmapSettings) -> None:
     """Write a rig_config.json."""
-    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.output_checks import check_outputs
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.files.output_files import check_suffix, write_bytes
     from semcal_cli.formats.colmap import RigCamera, rig_config
@@ -259,20 +274,13 @@ class PlySettings(DriveSettings):
 )
 def ply(settings: PlySettings) -> None:
     """Write coloured sweeps."""
-    from semcal_cli.cli.outputs import check_image_folder, files_read
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.formats import read_reference
-    from semcal_cli.observations.frame_selection import with_few_frames
+    from semcal_cli.cli.output_checks import check_image_folder
     from semcal_cli.observations.reading import load_points
     from semcal_cli.report.ply import write_ply
-    from semcal_cli.result.applied import apply_result
 
-    whole = read_drive(settings.drive, settings.max_points)
-    check_image_folder(settings.output, files_read(whole, settings.calibration), ".ply")
-    extrinsic = read_reference(settings.calibration, settings.reference_direction)
-    applied = apply_result(extrinsic.record, whole, str(settings.calibration))
-    terminal = settings.terminal()
-    terminal.print_changes(applied.changes)
-    drive = with_few_frames(applied.drive, settings.max_frames)
-    paths = write_ply(drive, load_points(drive), extrinsic.T_camera_lidar, settings.output)
+    terminal, folder = settings.terminal(), settings.output
+    drive, extrinsic = _read_with_transform(
+        settings, terminal, lambda read: check_image_folder(folder, read, ".ply")
+    )
+    paths = write_ply(drive, load_points(drive), extrinsic.T_camera_lidar, folder)
     terminal.print(*map(str, paths))

@@ -13,7 +13,8 @@ import click
 
 from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
 from semcal_cli.cli.options import LimitSettings, QuietSettings, inconclusive_choice, result_file
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import InputError, counted
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ class FleetSettings(LimitSettings, QuietSettings):
         Raises:
             InputError: a suffix does not match the file's format.
         """
-        from semcal_cli.cli.outputs import PLOTS, check_page
+        from semcal_cli.cli.output_checks import PLOTS, check_page
         from semcal_cli.files.output_files import check_suffix
 
         check_page(self.page)
@@ -65,7 +66,7 @@ def fleet(settings: FleetSettings) -> None:
 
     --reference accepts {KNOWN_TRANSFORMS}.
     """
-    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.output_checks import check_outputs
     from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
     from semcal_cli.files.documents import document_text, output_format
@@ -112,7 +113,7 @@ def fleet(settings: FleetSettings) -> None:
 
 def _write(combined: Fleet, report: CiReport, text: str, settings: FleetSettings) -> None:
     """Write all outputs. Their content is complete before anything is written; the result is written last."""
-    from semcal_cli.cli.outputs import PLOTS
+    from semcal_cli.cli.output_checks import PLOTS
     from semcal_cli.files.output_files import write_bytes
     from semcal_cli.fleet.fleet_page import page_html
     from semcal_cli.fleet.timeline import plot_fleet
@@ -135,7 +136,7 @@ def _document(
     combined: Fleet, read: Sequence[Path], output: Path | None, reference: Path | None
 ) -> dict[str, Any]:
     """Describe the result, with paths relative to its folder."""
-    from semcal_cli.cli.outputs import folder_of
+    from semcal_cli.cli.output_checks import folder_of
     from semcal_cli.drive.document import drive_file
     from semcal_cli.fleet.fleet_result import describe_fleet
     from semcal_cli.result.provenance import hash_files

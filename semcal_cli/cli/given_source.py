@@ -13,9 +13,9 @@ import click
 
 from semcal_cli.cli.import_bag import BagSettings, import_recording
 from semcal_cli.cli.import_datasets import OWN_SETTINGS, DatasetSettings, import_dataset
-from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_page, folder_of
+from semcal_cli.cli.output_checks import check_image_folder, check_outputs, check_page, folder_of
 from semcal_cli.cli.rules import COMMANDLINE, refuse
-from semcal_cli.cli.settings import typed_words, without_option
+from semcal_cli.cli.settings_command import typed_words, without_option
 from semcal_cli.cli.tables import labelled, wrapped
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import (

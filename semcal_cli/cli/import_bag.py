@@ -14,7 +14,8 @@ from semcal_cli.cli.import_settings import max_gap, sweeps_drive, tell_written
 from semcal_cli.cli.import_values import SpinOfLidar
 from semcal_cli.cli.options import QuietSettings
 from semcal_cli.cli.rules import given, one_of
-from semcal_cli.cli.settings import argument, command, made_of, option
+from semcal_cli.cli.settings import argument, made_of, option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config.directions import CameraFrame
 from semcal_cli.errors import check_installed, counted, printable, shell
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.import_settings import ImportSettings
-from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
+from semcal_cli.cli.settings import argument, made_of, option
+from semcal_cli.cli.settings_command import SettingsCommand
 from semcal_cli.errors import ChoiceError, InputError
 from semcal_cli.importing import read_dataset
 

@@ -15,7 +15,8 @@ from semcal_cli.cli.import_settings import ImportSettings, max_gap, sweeps_drive
 from semcal_cli.cli.import_values import PointColumns, TimeUnit
 from semcal_cli.cli.options import max_points
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import SettingsCommand, command, made_of, option
+from semcal_cli.cli.settings import made_of, option
+from semcal_cli.cli.settings_command import SettingsCommand, command
 from semcal_cli.config.directions import Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointType
 from semcal_cli.config.synchronization import Synchronization

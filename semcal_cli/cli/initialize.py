@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass
 
 from semcal_cli.cli.options import ResultSettings
-from semcal_cli.cli.settings import command
+from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.stage_options import SearchSettings
 from semcal_cli.config import CalibrationConfig, RefinementConfig
 

@@ -13,7 +13,8 @@ import click
 
 from semcal_cli.cli.options import json_flag, max_points
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import argument, command, option
+from semcal_cli.cli.settings import argument, option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import counted, printable, shell
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def inspect(settings: InspectSettings) -> None:
 
 def _write_mask(drive: Drive, path: Path) -> None:
     """Propose a mask of the car's own parts, and write it if there is one."""
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.output_checks import check_outputs, files_read
     from semcal_cli.files.image_files import write_image
     from semcal_cli.files.output_files import check_suffix
     from semcal_cli.observations.proposed_mask import propose_mask

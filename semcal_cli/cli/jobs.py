@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from semcal_cli.errors import SemcalError
@@ -48,7 +48,7 @@ def calibrate_each(
     return calibrations, failures
 
 
-def failure_sentence(failures: dict[str, str], count: int, *, of_lidars: bool) -> str:
+def failure_sentence(failures: Mapping[str, str], count: int, *, of_lidars: bool) -> str:
     """Describe how many cameras failed, or calibrations of them with several LiDARs, and why the first one did."""
     name, reason = next(iter(failures.items()))
     return f"{len(failures)} of {count} {'calibrations' if of_lidars else 'cameras'} failed; {name}: {reason}"

@@ -13,7 +13,8 @@ import click
 
 from semcal_cli.cli.options import ThreadSettings, max_points
 from semcal_cli.cli.rules import given, one_of
-from semcal_cli.cli.settings import argument, command, option
+from semcal_cli.cli.settings import argument, option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import Device
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 
 from semcal_cli.cli.options import QuietSettings, max_points
-from semcal_cli.cli.settings import argument, command, option
+from semcal_cli.cli.settings import argument, option
+from semcal_cli.cli.settings_command import command
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semcal_cli.cli.options import DriveSettings
-from semcal_cli.cli.settings import command, option
+from semcal_cli.cli.settings import option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import check_installed, counted
 
 
@@ -25,7 +26,7 @@ def odometry(settings: OdometrySettings) -> None:
     Poses are written in the TUM format, one per line: seconds x y z qx qy qz qw. Add the printed line to
     drive.yaml, which this command does not change. If DRIVE has poses, the two motions are compared.
     """
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.output_checks import check_outputs, files_read
     from semcal_cli.drive.document import read_drive
 
     check_installed("semcal odometry", "kiss_icp", "odometry")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.settings import Names, argument, option, output_file, setting_of
+from semcal_cli.cli.parameter_types import Names
+from semcal_cli.cli.settings import argument, option, output_file, setting_of
 from semcal_cli.config import AUTO, MAX_POINTS, CalibrationConfig, CueName, Limits
 from semcal_cli.config.cues import PLUGINS
 from semcal_cli.files.output_files import descriptor

@@ -1,34 +1,29 @@
-"""The drive that a command reads, and its output files: checked before the work begins, and written after it."""
+"""The output files of a calibration, checked before the work begins and written after it, and how a drive is loaded."""
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 
 from semcal_cli.checks import precedence
 from semcal_cli.cli.ci import Case, CiReport
+from semcal_cli.cli.output_checks import check_image_folder, check_outputs, check_page, files_read, folder_of
 from semcal_cli.cli.tables import figures, labelled, shown_reasons, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal
-from semcal_cli.drive.document import Drive, drive_file
+from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError, counted, shell
 from semcal_cli.files.documents import output_format, read_document
-from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import (
     STANDARD_OUTPUT,
     check_descriptor,
-    check_replaceable,
-    check_suffix,
-    descriptor,
-    is_standard_stream,
     write_text,
 )
 from semcal_cli.observations.frame_selection import evenly_spaced
@@ -52,8 +47,6 @@ if TYPE_CHECKING:
 EXIT_NOT_TRUSTED = 3
 OWN_RESULTS = {"semcal_calibration", "semcal_transform"}
 """Version keys of the files that a new result may replace."""
-PLOTS: dict[str, Literal["png", "svg"]] = {".png": "png", ".svg": "svg"}
-"""Formats of plots by their suffixes."""
 MAX_IMAGES = 20
 """Largest number of frames with an overlay, evenly spaced."""
 
@@ -80,6 +73,8 @@ class Outputs:
     """Whether any existing file is replaced by the result, and not only a calibration of semcal."""
     names_commands: bool = False
     """Whether the command that makes the report or the overlays alone is printed with them."""
+    others: tuple[Path | None, ...] = ()
+    """Files that the command writes itself, which are only checked; None for those not requested."""
 
     @classmethod
     def of_result(cls, settings: ResultSettings) -> Outputs:
@@ -133,7 +128,7 @@ class Outputs:
             check_image_folder(self.images, read)
         if self.output is None or self.as_json:
             check_descriptor(STANDARD_OUTPUT)
-        check_outputs(read, self.output, self.log, self.page)
+        check_outputs(read, self.output, self.log, *self.others, self.page)
         if self.to is not None:
             from semcal_cli.formats import write_transform
 
@@ -290,84 +285,6 @@ def _report(calibration: CalibrationDocument, written_to: str) -> CiReport:
 def exit_code(result: CalibrationDocument | RigCalibration) -> int:
     """Return the exit code of a written result: 3 if it is not trusted."""
     return EXIT_NOT_TRUSTED if result.status == "not_trusted" else 0
-
-
-def folder_of(output: Path | None) -> Path:
-    """Return the folder that paths in a result are relative to: its file's, or the working folder for a stream."""
-    return Path() if output is None or descriptor(output) is not None else output.parent
-
-
-def files_read(drive: Drive, *others: Path | None) -> list[Path]:
-    """List the files of a drive, and those of other transforms or drives."""
-    files = [drive_file(path) for path in others if path is not None]
-    return [drive.path, *map(drive.resolve, drive.files()), *files]
-
-
-def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
-    """Check that outputs have a folder, and overwrite neither an input nor one another; None is no output.
-
-    Raises:
-        InputError: a folder is missing or cannot be written to, or an output would overwrite a file.
-    """
-    real_paths = set(map(os.path.realpath, read))
-    for path in filter(None, outputs):
-        if not is_folder(path.absolute().parent):
-            raise InputError(f"{path}: found no folder {path.parent}, expected one to write to")
-        if is_folder(path):
-            raise InputError(f"{path}: found a folder, expected a file to write to")
-        check_descriptor(path)
-        if os.path.realpath(path) in real_paths:
-            raise InputError(f"{path}: found a file that this run reads or writes; choose another name")
-        if descriptor(path) is not None or path.is_char_device():
-            continue  # It takes several outputs one after another.
-        if is_standard_stream(path):
-            raise InputError(f"{path}: found the file that the shell writes to; choose another name")
-        if not path.exists() or path.is_file():
-            check_replaceable(path)
-        real_paths.add(os.path.realpath(path))
-
-
-def check_vacant(*outputs: Path | None, force: bool) -> None:
-    """Check that no file is replaced that the user may want to keep; None is no output.
-
-    Args:
-        outputs: Files to write, of kinds that semcal cannot recognise as its own.
-        force: Whether they may be replaced.
-
-    Raises:
-        InputError: a file is there.
-    """
-    for path in filter(None, outputs):
-        if not force and descriptor(path) is None and path.is_file() and path.stat().st_size:
-            raise InputError(f"{path}: found a file; choose another name, or add --force")
-
-
-def check_image_folder(folder: Path, read: Sequence[Path], suffix: str = ".png") -> None:
-    """Check that a folder has a place for images, or files of another suffix, and that these replace nothing read.
-
-    Raises:
-        InputError: an image of the folder is such a file.
-    """
-    if folder.exists() and not is_folder(folder):
-        raise InputError(f"{folder}: found a file, expected a folder for images")
-    real_paths = set(map(os.path.realpath, read))
-    for path in sorted(folder.glob(f"*{suffix}")):
-        if os.path.realpath(path) in real_paths:
-            raise InputError(f"{path}: found a file that this run reads; choose another folder")
-        if is_folder(path):
-            raise InputError(f"{path}: found a folder, expected a place for an image")
-
-
-def check_page(path: Path | None) -> None:
-    """Check the suffix of a page, if there is one; a descriptor such as /dev/stdout needs none.
-
-    Raises:
-        InputError: the suffix is not .html.
-    """
-    if path is None or (not path.suffix and descriptor(path) is not None):
-        return
-    if path.suffix.lower() != ".htm":
-        check_suffix(path, ".html")
 
 
 @contextmanager

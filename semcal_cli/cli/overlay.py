@@ -10,7 +10,8 @@ import click
 
 from semcal_cli.cli.options import DriveSettings, cue_list, reference_direction
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, given, one_of, refuse
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.config.directions import Direction
 
@@ -104,7 +105,7 @@ def overlay(settings: OverlaySettings) -> None:
 
 def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Overlays:
     """Prepare the images of a drive at one or two transforms, and report where a camera or a clock differs."""
-    from semcal_cli.cli.outputs import files_read
+    from semcal_cli.cli.output_checks import files_read
     from semcal_cli.formats import read_reference
     from semcal_cli.report.overlays import Overlays
     from semcal_cli.result.applied import apply_result, cues_applied, seen_as
@@ -126,7 +127,7 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
 
 def _few(drive: Drive, settings: OverlaySettings, folder: Path | None, read: list[Path]) -> Drive:
     """Keep evenly spaced frames of a drive, and check that what is drawn of them replaces no input."""
-    from semcal_cli.cli.outputs import check_image_folder, check_outputs, check_vacant
+    from semcal_cli.cli.output_checks import check_image_folder, check_outputs, check_vacant
     from semcal_cli.files.output_files import check_suffix
     from semcal_cli.observations.frame_selection import with_few_frames
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semcal_cli.cli.options import ResultSettings
-from semcal_cli.cli.settings import KNOWN_TRANSFORMS, command, option
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, option
+from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.stage_options import RefinementSettings
 from semcal_cli.config import CalibrationConfig
 

@@ -9,7 +9,8 @@ import click
 
 from semcal_cli.cli.options import RunSettings, reference_direction
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config.directions import Direction
 
 
@@ -34,7 +35,7 @@ def report(settings: ReportSettings) -> None:
     CALIBRATION is {KNOWN_TRANSFORMS}. For a rig.yaml, it is the folder that semcal calibrate wrote. The page is one
     HTML file with everything that is known about the transform, and can be read offline.
     """
-    from semcal_cli.cli.outputs import check_outputs, check_page, files_read
+    from semcal_cli.cli.output_checks import check_outputs, check_page, files_read
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.output_files import write_text
     from semcal_cli.many.rig.rig_document import find_rig

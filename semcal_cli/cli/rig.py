@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.jobs import Job, calibrate_each, failure_sentence
-from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
+from semcal_cli.cli.output_checks import check_outputs, check_page, files_read
+from semcal_cli.cli.outputs import Outputs, exit_code
+from semcal_cli.cli.rig_tables import rig_lines
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.start import choose_start
-from semcal_cli.cli.tables import labelled, matrix_lines, verdict_line, wrapped
+from semcal_cli.cli.tables import labelled, verdict_line, wrapped
 from semcal_cli.errors import CalibrationError, InputError, NoStartError, SemcalError, counted
 from semcal_cli.events import Listener
 from semcal_cli.files.documents import FORMATS, document_text
@@ -25,7 +27,6 @@ from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.many.rig.adjusted_calibration import STAGE
-from semcal_cli.many.rig.further_lidar import LidarCalibration
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
 from semcal_cli.many.rig.rig_data import RigData
 from semcal_cli.many.rig.rig_document import RESULT, Rig
@@ -36,14 +37,12 @@ from semcal_cli.many.rig.sweep_registration import check_registration
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 from semcal_cli.result.provenance import hash_files
-from semcal_cli.result.uncertainty import intervals
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
     from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
-    from semcal_cli.many.rig.rig_pair import RigPair
     from semcal_cli.many.rig.rig_result import RigTransforms
 
 OF_ONE_CAMERA = (
@@ -51,6 +50,55 @@ OF_ONE_CAMERA = (
     *("--frames", "--exclude", "--to", "--overlay", "--json", "--image-model"),
 )
 """Options of `calibrate` that make sense for a single camera only."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigRun:
+    """What the calibration of a rig works with, once it is checked. Mappings are by the names of the results."""
+
+    settings: CalibrateSettings
+    folder: Path
+    """Folder of the results."""
+    data: RigData
+    starts: Mapping[str, CalibrateSettings | NoStartError]
+    """Settings of each camera with its start, or why it has none."""
+    outputs: Mapping[str, Outputs]
+    terminals: Mapping[str, Terminal]
+    hashes: dict[str, str] = field(default_factory=dict)
+    """SHA-256 by the real paths of files; those of files that are read are added."""
+
+    @property
+    def result(self) -> Path:
+        """File of the result of the whole rig."""
+        return self.folder / f"{RESULT}.yaml"
+
+    def job(self, name: str, calibrate: Callable[[str, Listener], CalibrationDocument]) -> Job:
+        """Make the job that calibrates a camera by a function of its name."""
+        return Job(name, partial(calibrate, name), self.outputs[name], self.terminals[name])
+
+    def calibrate(self, name: str, on_event: Listener) -> CalibrationDocument:
+        """Calibrate a camera.
+
+        Raises:
+            NoStartError: it has no start.
+            InputError: a file is missing or wrong.
+            CalibrationError: there is no answer.
+        """
+        started = self.starts[name]
+        if isinstance(started, NoStartError):
+            raise started
+        loaded = self.data.load(name, on_event=on_event)
+        calibration = started.calibration()(loaded, on_event=on_event)
+        return self.outputs[name].with_provenance(calibration, loaded, started.initial_pose, self.hashes)
+
+    def write_camera(self, name: str, calibration: CalibrationDocument) -> None:
+        """Write the calibration of a camera again."""
+        write_calibration(calibration, self.folder / f"{name}.yaml")
+
+    def failure(self, failures: Mapping[str, str]) -> CalibrationError:
+        """Make the error about cameras without an answer."""
+        data = self.data
+        return CalibrationError(failure_sentence(failures, len(data.drives), of_lidars=bool(data.rig.lidars)))
 
 
 def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
@@ -68,6 +116,22 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
+    run = _prepare(rig, settings)
+    calibration, matched_files = _calibrate(run)
+    _write(run, calibration, matched_files)
+    _show(run, calibration)
+    if calibration.failures:
+        raise run.failure(calibration.failures)
+    return exit_code(calibration)
+
+
+def _prepare(rig: Rig, settings: CalibrateSettings) -> RigRun:
+    """Check the options, the rig and the outputs, and choose the start of each camera.
+
+    Raises:
+        click.UsageError: an option for a single camera is given, or there is no output folder.
+        InputError: the rig, a drive or the output is wrong.
+    """
     refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(rig.path))
     if (folder := settings.output) is None:
         raise click.UsageError(
@@ -76,113 +140,117 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     for name, lidar in rig.lidars.items():
         if lidar.is_registered:
             check_registration(f"{rig.path}: lidars.{name}.register")
-    page, result = settings.page, folder / f"{RESULT}.yaml"
     drives = rig.read_drives(settings.max_points)
     data = RigData(rig, drives, settings.config, SweepCache())
     if rig.match_images:
         RigImages.check(data)
-    outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     given = None if settings.init is None else transforms_of(rig, drives, settings.init)
+    outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     with _made(folder):
-        check_page(page)
+        check_page(settings.page)
         read = [rig.path, *(file for drive in drives.values() for file in files_read(drive))]
         read += [] if given is None else given.paths
-        check_outputs(read, *(camera.output for camera in outputs.values()), result, settings.log, page)
+        results = [*(camera.output for camera in outputs.values()), folder / f"{RESULT}.yaml"]
+        check_outputs(read, *results, settings.log, settings.page)
         for name, drive in drives.items():
             outputs[name].check(drive)
         starts = _choose_starts(rig, drives, settings, given)
     set_num_threads(settings.threads)
-    hashes = dict[str, str]()
+    return RigRun(
+        settings=settings,
+        folder=folder,
+        data=data,
+        starts=starts,
+        outputs=outputs,
+        terminals={name: settings.terminal() for name in drives},
+    )
 
-    def run(name: str, on_event: Listener) -> CalibrationDocument:
-        started = starts[name]
-        if isinstance(started, NoStartError):
-            raise started
-        loaded = data.load(name, on_event=on_event)
-        calibration = started.calibration()(loaded, on_event=on_event)
-        return outputs[name].with_provenance(calibration, loaded, started.initial_pose, hashes)
 
-    jobs = [Job(name, partial(run, name), outputs[name], settings.terminal()) for name in drives]
-    cameras, failures = calibrate_each(jobs, settings.threads)
+def _calibrate(run: RigRun) -> tuple[RigCalibration, Sequence[Path]]:
+    """Calibrate each camera alone, and then all sensors together where images, constraints or LiDARs tie them.
+
+    Returns:
+        The calibration of the rig, and the files of the frames whose images were matched.
+
+    Raises:
+        InputError: a file is missing or wrong.
+        CalibrationError: no camera has an answer.
+    """
+    data, rig = run.data, run.data.rig
+    jobs = [run.job(name, run.calibrate) for name in data.drives]
+    cameras, failures = calibrate_each(jobs, run.settings.threads)
     if not cameras:
-        raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
-    images = _match_images(data, cameras, settings, jobs, folder, hashes) if rig.match_images else None
+        raise run.failure(failures)
+    images = _match_images(run, cameras) if rig.match_images else None
     shown = None if images is None else images.settle(cameras)
     adjustment, lidars = data.adjusted(cameras)
-    for name in cameras:
-        if STAGE in cameras[name].stages:
-            write_calibration(cameras[name], folder / f"{name}.yaml")
-    result_of_rig = combine(
-        rig,
-        drives,
-        cameras,
-        failures,
-        data.sweeps.num_different,
-        adjustment,
-        lidars,
-        shown,
-        () if images is None else images.matched.notes,
-    )
-    read = [rig.path, *(drive.path for drive in drives.values()), *(images.matched.files if images else ())]
-    _write(result_of_rig, rig, drives, result, hash_files(read, result.parent, hashes))
-    if settings.log is not None:
-        logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
-        write_text(json.dumps(logs, indent=2) + "\n", settings.log)
-    terminal = settings.terminal()
-    terminal.print(*_lines(result_of_rig, result))
-    if page is not None:
-        used = {name: apply_result(cameras.get(name), drive, name).drive for name, drive in drives.items()}
-        with terminal:
-            write_text(rig_page_html(result_of_rig, used, (str(rig.path), str(result)), terminal.show), page)
-        terminal.print_path("report", page)
-    _print_verdict(result_of_rig, terminal)
-    if failures:
-        raise CalibrationError(failure_sentence(failures, len(drives), of_lidars=bool(rig.lidars)))
-    return exit_code(result_of_rig)
+    matched_files, notes = ((), ()) if images is None else (images.matched.files, images.matched.notes)
+    num_sweeps = data.sweeps.num_different
+    calibration = combine(rig, data.drives, cameras, failures, num_sweeps, adjustment, lidars, shown, notes)
+    return calibration, matched_files
 
 
-def _match_images(
-    data: RigData,
-    cameras: dict[str, CalibrationDocument],
-    settings: CalibrateSettings,
-    jobs: Sequence[Job],
-    folder: Path,
-    hashes: dict[str, str],
-) -> RigImages:
+def _match_images(run: RigRun, cameras: dict[str, CalibrationDocument]) -> RigImages:
     """Match the images of cameras, and calibrate cameras that these contradict again.
 
     Args:
-        data: The rig.
+        run: The rig.
         cameras: Calibration of each camera that has one. Those made again are replaced; one that fails gets a note.
-        settings: Settings of the command.
-        jobs: Job of each camera.
-        folder: Folder of the results.
-        hashes: SHA-256 by the real paths of files; new ones are added.
 
     Raises:
         InputError: a file is missing or wrong.
     """
+    settings = run.settings
     with settings.terminal() as terminal:
         terminal.show("matching images")
-        images = RigImages(data, cameras)
+        images = RigImages(run.data, cameras)
         placed = images.elsewhere()
-    outputs = {job.name: job.outputs for job in jobs}
 
-    def run(name: str, on_event: Listener) -> CalibrationDocument:
+    def calibrate(name: str, on_event: Listener) -> CalibrationDocument:
         loaded = images.load_near(name, on_event)
         calibration = images.judged(name, settings.calibration(placed[name])(loaded, on_event=on_event))
-        return outputs[name].with_provenance(calibration, loaded, placed[name], hashes)
+        return run.outputs[name].with_provenance(calibration, loaded, placed[name], run.hashes)
 
-    again = [
-        Job(job.name, partial(run, job.name), job.outputs, job.terminal) for job in jobs if job.name in placed
-    ]
+    again = [run.job(name, calibrate) for name in run.data.drives if name in placed]
     calibrated, failures = calibrate_each(again, settings.threads)
     cameras |= calibrated
     for name, failure in failures.items():
         note = f"it could not be calibrated again from {placed[name].name}: {failure}"
         cameras[name] = cameras[name].model_copy(update={"notes": (*cameras[name].notes, note)})
-        write_calibration(cameras[name], folder / f"{name}.yaml")
+        run.write_camera(name, cameras[name])
     return images
+
+
+def _write(run: RigRun, calibration: RigCalibration, matched_files: Sequence[Path]) -> None:
+    """Write the result of the rig, the calibrations of the cameras that it moved, and the log if it is requested."""
+    for name, camera in calibration.cameras.items():
+        if STAGE in camera.stages:
+            run.write_camera(name, camera)
+    rig, drives = run.data.rig, run.data.drives
+    read = [rig.path, *(drive.path for drive in drives.values()), *matched_files]
+    files = {name: f"{name}.yaml" for name in drives}
+    source = os.path.relpath(rig.path, run.folder)
+    document = describe_rig(calibration, files, source, hash_files(read, run.folder, run.hashes))
+    write_text(document_text(document, "yaml"), run.result)
+    if (log := run.settings.log) is not None:
+        threads = run.settings.threads
+        logs = {name: terminal.log_document(threads) for name, terminal in run.terminals.items()}
+        write_text(json.dumps(logs, indent=2) + "\n", log)
+
+
+def _show(run: RigRun, calibration: RigCalibration) -> None:
+    """Print the result of the rig, write its page if it is requested, and print the verdict."""
+    rig, result, page, terminal = run.data.rig, run.result, run.settings.page, run.settings.terminal()
+    terminal.print(*rig_lines(calibration, result))
+    if page is not None:
+        used = {
+            name: apply_result(calibration.cameras.get(name), drive, name).drive
+            for name, drive in run.data.drives.items()
+        }
+        with terminal:
+            write_text(rig_page_html(calibration, used, (str(rig.path), str(result)), terminal.show), page)
+        terminal.print_path("report", page)
+    _print_verdict(calibration, terminal)
 
 
 def _choose_starts(
@@ -236,80 +304,6 @@ def _made(folder: Path) -> Iterator[None]:
             with suppress(OSError):
                 folder.rmdir()
         raise
-
-
-def _write(
-    calibration: RigCalibration,
-    rig: Rig,
-    drives: Mapping[str, Drive],
-    result: Path,
-    hashes: Mapping[str, str],
-) -> None:
-    files = {name: f"{name}.yaml" for name in drives}
-    document = describe_rig(calibration, files, os.path.relpath(rig.path, result.parent), hashes)
-    write_text(document_text(document, "yaml"), result)
-
-
-def _lines(calibration: RigCalibration, result: Path) -> list[str]:
-    """Describe the result of the whole rig."""
-    num_frames = sum(len(camera.input.frames) for camera in calibration.cameras.values())
-    adjustment = calibration.adjustment
-    constraints = (
-        []
-        if adjustment is None
-        else [
-            each.sentence
-            for each in adjustment.constraints
-            if each.is_explained and each.kind == "constraint"
-        ]
-    )
-    return [
-        *(line for sentence in constraints for line in wrapped("constraint", sentence)),
-        *(line for name in calibration.cameras for line in _adjusted_lines(name, calibration)),
-        *(line for pair in calibration.pairs for line in _pair_lines(pair)),
-        *(line for lidar in calibration.lidars for line in _lidar_lines(lidar)),
-        *(line for loop in calibration.loops for line in wrapped("loop", loop.sentence)),
-        *(line for shown in calibration.images or () for line in wrapped("images", shown.sentence)),
-        labelled("sweeps", f"{calibration.num_sweeps:,} for {num_frames:,} frames"),
-        *(line for note in calibration.notes for line in wrapped("note", note)),
-        labelled("written to", str(result)),
-    ]
-
-
-def _adjusted_lines(name: str, calibration: RigCalibration) -> list[str]:
-    """Describe how constraints or images moved a camera, and how well it is known since."""
-    camera = calibration.cameras[name]
-    if STAGE not in camera.stages:
-        return []
-    moved = wrapped(name, camera.notes[-1])
-    if camera.believed_uncertainty is None:
-        return moved
-    center, rotation = intervals(camera.believed_uncertainty.half_widths)
-    return [*moved, labelled("95 % interval", center), labelled("", rotation)]
-
-
-def _pair_lines(pair: RigPair) -> list[str]:
-    lines = [f"T_{pair.a}_{pair.b}", *(labelled("", line) for line in matrix_lines(pair.T_a_b))]
-    center, rotation = pair.intervals
-    if center:
-        lines += [labelled("95 % interval", center), labelled("", rotation)]
-    if pair.distance:
-        lines.append(labelled("reference", pair.distance))
-    if pair.is_explained is not None:
-        explained = "within the uncertainty" if pair.is_explained else "more than chance explains"
-        lines.append(labelled("", explained))
-    return lines
-
-
-def _lidar_lines(lidar: LidarCalibration) -> list[str]:
-    """Describe a further LiDAR, its verdict first."""
-    lines = wrapped(f"LiDAR {lidar.name}", f"{lidar.status.replace('_', ' ')}: {lidar.verdict}")
-    if (registration := lidar.registration) is not None:
-        left_out = f", {registration.num_left_out} left out" if registration.num_left_out else ""
-        lines += wrapped("registered", f"{counted(registration.num_pairs, 'pair')} of sweeps{left_out}")
-    if lidar.pair is not None:
-        lines += _pair_lines(lidar.pair)
-    return [*lines, *(line for camera in lidar.own_cameras for line in _pair_lines(camera))]
 
 
 def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
+from semcal_cli.cli.parameter_types import FiniteNumber, FiniteRange, Names
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import KNOWN_TRANSFORMS, FiniteNumber, FiniteRange, Names, option, setting_of
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, option, setting_of
 from semcal_cli.config import (
     AUTO,
     LABELS,

@@ -9,7 +9,8 @@ from time import perf_counter
 import click
 
 from semcal_cli.cli.options import ThreadSettings
-from semcal_cli.cli.settings import argument, command, made_of, option, setting_of
+from semcal_cli.cli.settings import argument, made_of, option, setting_of
+from semcal_cli.cli.settings_command import command
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError

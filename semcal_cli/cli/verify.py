@@ -23,7 +23,8 @@ from semcal_cli.cli.options import (
     json_flag,
 )
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, none_of, refuse
-from semcal_cli.cli.settings import argument, command, option, output_file, setting_of
+from semcal_cli.cli.settings import argument, option, output_file, setting_of
+from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.stage_options import as_far_as_named, read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.config.directions import Direction
@@ -184,8 +185,7 @@ def _verify_given(settings: VerifySettings, drive: Path) -> Verification:
     """Verify the transform of one camera on a drive, which may be made of what is given."""
     from semcal_cli.cli.outputs import Outputs
 
-    # The JUnit file must not replace an input; neither must a log.
-    outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
+    outputs = Outputs(page=settings.page, images=settings.images, others=(settings.junit,))
     given = None if drive == settings.drive else settings.drive
     return _verify_drive(replace(settings, drive=drive, given=given), outputs)
 
@@ -218,7 +218,8 @@ def _verify_rig(rig: Rig, settings: VerifySettings) -> RigVerification:
         click.UsageError: an option for a single camera is given.
         InputError: the rig, a drive, a transform or an output is wrong, or a camera has no transform.
     """
-    from semcal_cli.cli.outputs import Outputs, check_image_folder, check_outputs
+    from semcal_cli.cli.output_checks import check_image_folder, check_outputs
+    from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import labelled
     from semcal_cli.files.point_clouds import SweepCache
     from semcal_cli.many.rig.rig_result import check_one_each, transforms_of

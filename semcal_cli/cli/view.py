@@ -10,7 +10,8 @@ import click
 
 from semcal_cli.cli.options import EstimateSettings, reference_direction
 from semcal_cli.cli.rules import none_of
-from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.settings import argument, option, output_file
+from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import AUTO, CalibrationConfig
 from semcal_cli.config.directions import Direction
@@ -88,7 +89,7 @@ def view(settings: ViewSettings) -> None:
 
 def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
     """Check that the page can save the transform, and that this replaces no input."""
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.output_checks import check_outputs, files_read
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.output_files import descriptor
 
