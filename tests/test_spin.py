@@ -19,8 +19,8 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
 from semcal_cli.importing.bags.messages import Message, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
+from semcal_cli.importing.drive_odometry import drive_motion
 from semcal_cli.importing.kitti_motion import MOMENT_S, read_packet
-from semcal_cli.importing.sweep_odometry import drive_motion
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.motion import compensated, read_poses, read_trajectory
 from semcal_cli.observations.reading import load_points, read_clouds

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import read_text
 from semcal_cli.formats.camera_block import read_intrinsics
@@ -34,7 +35,6 @@ from semcal_cli.importing.kitti_360_windows import Windows
 from semcal_cli.importing.kitti_motion import MOMENT_360_SIGMA_S, triggered, with_motion
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Recording, Request, join_frames
-from semcal_cli.importing.sweep_odometry import NS
 
 DEFAULT_CAMERA = "image_00"
 PERSPECTIVE = ("image_00", "image_01")

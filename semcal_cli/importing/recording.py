@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeAlias, TypeVar, get_origin
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.config.point_files import AS_USUAL, PointForm
 from semcal_cli.config.setting import settings_of
 from semcal_cli.config.synchronization import Synchronization
@@ -19,7 +20,8 @@ from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.importing.dataset_tree import need_folder, speeds_mps
 from semcal_cli.importing.ontologies import Ontology
-from semcal_cli.importing.sweep_odometry import NS, SIGMA, are_covered
+from semcal_cli.importing.stamps import are_covered
+from semcal_cli.importing.sweep_odometry import SIGMA
 
 Kind = TypeVar("Kind")
 

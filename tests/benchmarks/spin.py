@@ -35,7 +35,8 @@ from semcal_cli.importing.choice import Options
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.importing.kitti_motion import MOMENT_S, SPIN, poses_along
 from semcal_cli.importing.recording import Request
-from semcal_cli.importing.sweep_odometry import tum_text, twist_from
+from semcal_cli.importing.stamps import tum_text
+from semcal_cli.importing.sweep_odometry import twist_from
 from semcal_cli.pipeline import calibrate
 
 MOMENTS_MS = (0.0, 1e3 * MOMENT_S, 7.4)

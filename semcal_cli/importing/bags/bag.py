@@ -14,12 +14,13 @@ from typing import Any, NamedTuple, Protocol
 
 from zstandard import ZstdDecompressor
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.input_files import is_folder, is_same_file, kind_of, open_file, read_start, read_text
 from semcal_cli.formats.node import Node
 from semcal_cli.importing.bags.mcap_file import McapFile
-from semcal_cli.importing.bags.messages import NS, Message, Span, Topic
+from semcal_cli.importing.bags.messages import Message, Span, Topic
 from semcal_cli.importing.bags.recording_files import (
     MAGIC_BYTES,
     MCAP_MAGIC,

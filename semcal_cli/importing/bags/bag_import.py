@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.drive.document import Frame, output_drive_file
 from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, os_reason
@@ -31,7 +32,7 @@ from semcal_cli.importing.bags.candidates import (
     wanted_times,
 )
 from semcal_cli.importing.bags.image_messages import looks_like_mosaic
-from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic, frame_of
+from semcal_cli.importing.bags.messages import VIDEOS, Message, MessageError, Topic, frame_of
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.importing.bags.recorded_camera import recorded_camera
 from semcal_cli.importing.bags.recorded_frames import (

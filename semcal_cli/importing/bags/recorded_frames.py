@@ -17,17 +17,19 @@ from urllib.parse import quote
 
 import numpy as np
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.events import Listener, Progress
 from semcal_cli.formats.camera_block import resized
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import image_file
-from semcal_cli.importing.bags.messages import NS, Message, MessageError
+from semcal_cli.importing.bags.messages import Message, MessageError
 from semcal_cli.importing.bags.point_messages import PointTimes, Sweep, read_sweep
 from semcal_cli.importing.bags.recorded_motion import Trajectory
 from semcal_cli.importing.bags.stamped_pairs import PATIENCE_NS, StampedPair
 from semcal_cli.importing.bags.topics import BagRequest, Topics
 from semcal_cli.importing.recording import SourceFrame
-from semcal_cli.importing.sweep_odometry import SIGMA, seconds_text
+from semcal_cli.importing.stamps import seconds_text
+from semcal_cli.importing.sweep_odometry import SIGMA
 
 MAX_NAME = 100
 """Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
