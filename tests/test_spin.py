@@ -13,8 +13,9 @@ from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, moved, numbers, writ
 from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.seam import check_seam, seam_of
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.lidar import Lidar
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
 from semcal_cli.importing.bags.messages import Message, Topic

@@ -13,7 +13,8 @@ import numpy as np
 
 from semcal_cli.config.nanoseconds import NS
 from semcal_cli.config.point_files import PointForm
-from semcal_cli.drive.document import Drive, Frame, output_drive_file, read_drive
+from semcal_cli.drive.document import Drive, output_drive_file, read_drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError, OccupiedError, counted
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import holds_colors

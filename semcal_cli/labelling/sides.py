@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.drive.networks import LabelNetwork
 from semcal_cli.errors import InputError, name_in_errors
 from semcal_cli.files.array_forms import ArrayCloud, SweepCloud

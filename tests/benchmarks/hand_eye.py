@@ -34,7 +34,8 @@ from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.camera_motion import CAMERA_MOTION, standard_errors
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.nanoseconds import NS
-from semcal_cli.drive.document import DRIVE_FILE, Drive, Motion, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.hand_eye import NotDetermined, choose_pairs, hand_eye
 from semcal_cli.estimation.search.visual_motion import camera_motions

@@ -22,7 +22,8 @@ from benchmark import script, table
 from moving_street import MovingStreet
 
 from semcal_cli.config import AdjustmentConfig, CalibrationConfig, RefinementConfig
-from semcal_cli.drive.document import Drive, Motion, MotionSigma, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion, MotionSigma
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.importing.drive_odometry import drive_motion
 from semcal_cli.importing.stamps import tum_text

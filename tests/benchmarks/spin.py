@@ -22,8 +22,9 @@ from benchmark import script, summary
 from real_data import READERS
 
 from semcal_cli.config import CalibrationConfig
-from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.lidar import Lidar
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import NUMBER, Column, common, count, digits, measure_of, median

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from semcal_cli.config.nanoseconds import NS
-from semcal_cli.drive.document import Frame, output_drive_file
+from semcal_cli.drive.document import output_drive_file
 from semcal_cli.drive.frame_ids import FrameIds
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.input_files import is_folder, is_same_file
