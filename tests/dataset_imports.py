@@ -8,7 +8,8 @@ import pytest
 from commands import invoke
 from dataset_trees import TREES, Tree
 
-from semcal_cli.drive.document import Drive, Frame, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
 
 PRINTED = 1e-9  # digits of the generated calibration files

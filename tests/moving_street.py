@@ -17,13 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import write_image
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.bags.point_messages import PointTimes, Sweep
-from semcal_cli.importing.sweep_odometry import NS, tum_text
+from semcal_cli.importing.stamps import tum_text
 from semcal_cli.synthetic.street_motion import VehicleMotion
 from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting
 

@@ -15,7 +15,8 @@ from commands import invoke, unwrapped
 from conftest import make_pose
 from moving_street import MovingStreet
 
-from semcal_cli.drive.document import Drive, Frame, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Points
 from semcal_cli.geometry.poses import inverse, rotation_error_deg

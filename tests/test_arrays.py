@@ -21,7 +21,8 @@ from features import embedded
 import semcal_cli as semcal
 from semcal_cli.config import CalibrationConfig, CueName, RefinementConfig
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, Ignore, read_drive
+from semcal_cli.drive.class_ids import Ignore
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.observations.frame_selection import select_frames
 from semcal_cli.observations.loading import load

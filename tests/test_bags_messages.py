@@ -25,9 +25,10 @@ from bag_imports import (
 )
 from bags import START_NS, BagWriter, Messages, jpeg, png
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.importing.bags.image_messages import ENCODINGS, ImageFile, image_file
-from semcal_cli.importing.bags.messages import NS, Message, MessageError, Span, Topic
+from semcal_cli.importing.bags.messages import Message, MessageError, Span, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
 from semcal_cli.observations.reading import read_clouds
 

@@ -13,7 +13,8 @@ from scipy.linalg import expm
 from semcal_cli.checks.prior import check_priors
 from semcal_cli.config import CalibrationConfig, PolishConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.document import Drive, Motion, MotionSigma, Twist, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion, MotionSigma, Twist
 from semcal_cli.estimation.adjust.clock import KNOW_MOTION, ClockUncertainty, notes_on_clock
 from semcal_cli.estimation.adjust.priors import Prior, fuse_with_priors
 from semcal_cli.estimation.refine.polish import newton

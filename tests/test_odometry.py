@@ -16,9 +16,12 @@ from bags import NS, BagWriter
 from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
 
 from semcal_cli import errors
-from semcal_cli.drive.document import Motion, read_drive
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.importing.sweep_odometry import DOUBTFUL_NS, SIGMA, Odometry, drive_motion, tum_text
+from semcal_cli.importing.drive_odometry import drive_motion
+from semcal_cli.importing.stamps import tum_text
+from semcal_cli.importing.sweep_odometry import DOUBTFUL_NS, SIGMA, Odometry
 from semcal_cli.observations.reading import load_observations
 
 POINTS = 15_000

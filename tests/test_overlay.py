@@ -15,7 +15,8 @@ from conftest import without
 
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, Frame, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
 from semcal_cli.geometry.twists import apply_twist

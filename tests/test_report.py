@@ -19,7 +19,8 @@ from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig, SynthLens
 from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import IntrinsicsSigma, core_camera
-from semcal_cli.drive.document import Frame, read_drive
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.formats import find_format
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.geometry.poses import camera_center, pose_from_mounting

@@ -18,7 +18,8 @@ from refined import GIVEN_S, LATER_S, clock, of_another_drive, refined_camera, s
 import semcal_cli
 from semcal_cli.cli.tables import summary_lines
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import load
 from semcal_cli.report import read_report_input

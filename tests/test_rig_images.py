@@ -14,7 +14,8 @@ from test_rig import run
 
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.document import DRIVE_FILE, Drive, Motion, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.point_clouds import SweepCache

@@ -20,7 +20,8 @@ from test_schemas import check
 
 from semcal_cli import core, errors
 from semcal_cli.cli.jobs import failure_sentence
-from semcal_cli.drive.document import Drive, Motion
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.arrays import Pose

@@ -14,7 +14,8 @@ from semcal_cli.checks.motion_unstated import check_shutter, check_unstated
 from semcal_cli.config import AdjustmentConfig, CalibrationConfig, RefinementConfig
 from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.document import Drive, Motion
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Pose

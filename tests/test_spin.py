@@ -13,14 +13,15 @@ from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, moved, numbers, writ
 from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.seam import check_seam, seam_of
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.lidar import Lidar
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
 from semcal_cli.importing.bags.messages import Message, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
+from semcal_cli.importing.drive_odometry import drive_motion
 from semcal_cli.importing.kitti_motion import MOMENT_S, read_packet
-from semcal_cli.importing.sweep_odometry import drive_motion
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.motion import compensated, read_poses, read_trajectory
 from semcal_cli.observations.reading import load_points, read_clouds

@@ -12,7 +12,8 @@ from moving_street import MovingStreet
 from semcal_cli.checks.families import check_recording
 from semcal_cli.checks.sweep_shift import shifts_m
 from semcal_cli.config import CalibrationConfig, PolishConfig
-from semcal_cli.drive.document import Drive, Motion, Twist, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion, Twist
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.files.point_clouds import read_point_clouds

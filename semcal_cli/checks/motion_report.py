@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.drive.document import Drive, Motion
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError, counted
 from semcal_cli.findings.check import Check, Limit
 from semcal_cli.findings.entry import Entry, PageSection

@@ -55,7 +55,7 @@ def check_seam(drive: Drive, clouds: Sequence[SweepCloud]) -> tuple[Finding, ...
         may_be_smeared = drive.first_stamp is not None
     else:
         may_be_smeared = motion.point_times != "deskewed" and motion.speed_m_s != 0.0
-    if not may_be_smeared or any(drive.told_times(cloud) is not None for cloud in clouds):
+    if not may_be_smeared or any(drive.point_times(cloud) is not None for cloud in clouds):
         return ()
     seams = [seam_of(drive.rays(cloud.points)) for cloud in clouds]
     if not seams or seams[0] is None or None in seams:

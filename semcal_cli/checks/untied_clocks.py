@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.checks.sweep_shift import STEP_M, shifts_m
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.estimation.adjust.clock import SWEEP_S, ClockUncertainty
 from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection

@@ -89,8 +89,9 @@ def import_dataset(
         ChoiceError: there are several sequences or cameras.
         InputError: a file or an option is wrong.
     """
+    from semcal_cli.importing.joined_sequences import join_sequences
     from semcal_cli.importing.recognition import recognise
-    from semcal_cli.importing.recording import Request, join_sequences
+    from semcal_cli.importing.recording import Request
 
     sequences: list[str | None] = [*dict.fromkeys(settings.sequences)] or [None]
     try:

@@ -31,8 +31,9 @@ def odometry(settings: OdometrySettings) -> None:
 
     check_installed("semcal odometry", "kiss_icp", "odometry")
     from semcal_cli.files.output_files import write_text
+    from semcal_cli.importing.drive_odometry import drive_motion
     from semcal_cli.importing.motion_agreement import compare_with_drive
-    from semcal_cli.importing.sweep_odometry import SIGMA, drive_motion
+    from semcal_cli.importing.sweep_odometry import SIGMA
 
     drive = read_drive(settings.drive, settings.max_points)
     check_outputs(files_read(drive), settings.output)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
@@ -22,17 +22,19 @@ from semcal_cli.config.point_files import (
 )
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.class_ids import Classes, Color, Ignore
 from semcal_cli.drive.frame_ids import FrameIds
+from semcal_cli.drive.frames import FILES, Frame
 from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.lidar import Lidar
 from semcal_cli.drive.networks import LabelNetworks
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError, MisplacedError, describe, mismatch
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.image_levels import ImageLevels
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import (
-    FileName,
     RigidTransform,
     StrictModel,
     Version,
@@ -56,18 +58,6 @@ RIG_FOUND = (
 EXAMPLE_RIG = f"{{{RIG}: 1, cameras: {{left: left_drive, right: right_drive}}}}"
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
 """Version keys of files with a transform, found in place of a drive if arguments are in the wrong order."""
-FILES = ("points", "point_labels", "image_labels", "image", "mask", "point_features", "image_features")
-"""Keys of a frame's files."""
-
-Id = Annotated[int, Field(ge=0, le=0xFFFF)]
-Ids = Annotated[tuple[Id, ...], length(0)]
-ColorValue = Annotated[int, Field(ge=0, le=255)]
-Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
-
-Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
-"""Time in seconds. The limits exclude nanoseconds since 1970."""
-Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
-Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 DEFAULT_CLOCK_SIGMA_S = 0.02
 """Standard deviation of the clock of a camera without a trigger, in seconds."""
 MAX_OFFSET_S = 1.0
@@ -85,103 +75,6 @@ def _check_unit(unit: object) -> object:
 
 
 TimeUnit = Annotated[NamedUnit | Annotated[float, Field(gt=0.0, le=MAX_UNIT_S)], BeforeValidator(_check_unit)]
-
-
-class Frame(StrictModel):
-    """One sweep and the image taken with it. Paths are relative to the drive."""
-
-    points: FileName
-    """File of the point cloud."""
-    point_labels: FileName | None = None
-    """File of the ids or class probabilities of the points. If absent, the point cloud's own field of ids is used."""
-    image_labels: FileName | None = None
-    """File of the ids or class probabilities of the pixels."""
-    image: FileName | None = None
-    """File of the camera's image."""
-    mask: FileName | None = None
-    """File of the pixels of this image that do not show the scene, black there, in addition to `camera.mask`."""
-    points_stamp: Stamp | None = None
-    """Time of the sweep, in seconds."""
-    image_stamp: Stamp | None = None
-    """Time of the image, in seconds."""
-    point_features: FileName | None = None
-    """File of the features of the points, N x C."""
-    image_features: FileName | None = None
-    """File of the features of the pixels, H x W x C."""
-
-    def key(self, name: str) -> str:
-        """Name one of the frame's keys in an error, by the point cloud instead of the index."""
-        return f"frames[{self.points}].{name}"
-
-
-class Ignore(StrictModel):
-    """Ids that carry no information."""
-
-    points: Ids = ()
-    """Ids of points that carry no information."""
-    image: Ids = ()
-    """Ids of pixels that carry no information."""
-
-
-class Classes(StrictModel):
-    """Names of classes and the raw ids merged into each. Other ids are ignored; a side without names keeps its ids."""
-
-    points: dict[str, Ids] = {}
-    """Raw ids of points for each class name."""
-    image: dict[str, Ids] = {}
-    """Raw ids of pixels for each class name."""
-
-    @field_validator("points", "image")
-    @classmethod
-    def _check_ids(cls, side: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
-        check_distinct({name: [f"id {value}" for value in ids] for name, ids in side.items()})
-        return side
-
-
-class Twist(StrictModel):
-    """Constant motion of the LiDAR, in its own frame."""
-
-    linear_m_s: Annotated[tuple[Speed, ...], length(3, 3)]
-    """Velocity, in metres per second."""
-    angular_rad_s: Annotated[tuple[Rate, ...], length(3, 3)]
-    """Angular velocity, in radians per second."""
-
-
-class MotionSigma(StrictModel):
-    """Standard deviations of a roughly known motion, for each axis. All frames may have the same error."""
-
-    linear_m_s: Annotated[float, Field(ge=0.0, le=1e3)] = 0.0
-    """Standard deviation of the velocity along each axis, in metres per second."""
-    angular_rad_s: Annotated[float, Field(ge=0.0, le=1e2)] = 0.0
-    """Standard deviation of the angular velocity about each axis, in radians per second."""
-
-
-class Motion(StrictModel):
-    """Motion of the LiDAR, which moves points from their times, or from `points_stamp`, to the time of the image."""
-
-    twist: Twist | None = None
-    """Constant motion in all frames."""
-    poses: FileName | None = None
-    """File of the LiDAR's poses in a fixed frame, one per line: seconds x y z qx qy qz qw (the TUM format)."""
-    speed_m_s: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
-    """Speed of the LiDAR, in metres per second. Without a direction it corrects nothing; it only shows how many
-    pixels the motion may cost, and how far an unchecked clock may move the camera."""
-    point_times: Literal["relative", "absolute", "deskewed"] = "relative"
-    """Whether point times are relative to `points_stamp`, or absolute on the clock of the stamps, or play no part
-    because the sweeps were deskewed to `points_stamp`."""
-    sigma: MotionSigma | None = None
-    """Standard deviations of the velocities from the poses or the twist, which are part of the interval of the pose.
-    Without them, the velocities are assumed to be exact."""
-
-    @model_validator(mode="after")
-    def _check_one(self) -> Motion:
-        sources = {"twist": self.twist, "poses": self.poses, "speed_m_s": self.speed_m_s}
-        names = [name for name, value in sources.items() if value is not None]
-        if len(names) != 1:
-            raise mismatch(" and ".join(names) or "none", f"one of {', '.join(sources)}")
-        if self.sigma is not None and self.speed_m_s is not None:
-            raise mismatch("sigma beside speed_m_s", "poses or a twist, whose errors it states")
-        return self
 
 
 class Drive(StrictModel):
@@ -324,7 +217,7 @@ class Drive(StrictModel):
         frame = self.frames[0]
         return frame.points_stamp if frame.points_stamp is not None else frame.image_stamp
 
-    def told_times(self, cloud: SweepCloud) -> tuple[Numbers, bool] | None:
+    def point_times(self, cloud: SweepCloud) -> tuple[Numbers, bool] | None:
         """Return when the points of a sweep were measured, where its file or the spin of the LiDAR tells it.
 
         Returns:

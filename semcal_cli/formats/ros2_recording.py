@@ -15,8 +15,10 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from semcal_cli.config.file_limits import MAX_TABLE_BYTES
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
 from semcal_cli.files.image_files import check_image, read_image
 from semcal_cli.files.input_files import read_bytes
@@ -35,7 +37,6 @@ IMAGE_FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg"}
 """Formats of images whose bytes are kept; others become PNG."""
 FLOAT32, FLOAT64 = 7, 8
 """Datatypes of a PointField."""
-NS = 1_000_000_000
 MAX_STAMP_S = 1 << 31
 """Times in ROS 2 are before this, in seconds."""
 

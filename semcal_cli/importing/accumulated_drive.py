@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.drive.document import Drive, Frame, output_drive_file
+from semcal_cli.drive.document import Drive, output_drive_file
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.files.documents import document_text

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli import core
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress
 from semcal_cli.files.array_forms import SweepCloud

@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.config.point_files import PointForm
-from semcal_cli.drive.document import Drive, Frame, output_drive_file, read_drive
+from semcal_cli.drive.document import Drive, output_drive_file, read_drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError, OccupiedError, counted
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import holds_colors
@@ -23,10 +25,12 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, nearest_rigid, rotation_error_deg
 from semcal_cli.importing.choice import Options, keep_labelled, narrow, relabel, select_varied
 from semcal_cli.importing.dataset_tree import need_file, writable_name
+from semcal_cli.importing.drive_odometry import drive_motion
 from semcal_cli.importing.motion_agreement import compare_motions
 from semcal_cli.importing.ontologies import Ontology
 from semcal_cli.importing.recording import Conversion, Recording, SourceFrame, with_poses
-from semcal_cli.importing.sweep_odometry import NS, SIGMA, drive_motion, estimator, tum_text
+from semcal_cli.importing.stamps import tum_text
+from semcal_cli.importing.sweep_odometry import SIGMA, odometry_remark
 
 UNWRITTEN = Path("the drive to be written")
 """File name for errors that no single file of the data set causes."""
@@ -188,7 +192,7 @@ def _with_odometry(recording: Recording, path: Path) -> Recording:
         raise InputError(
             f"--odometry: found no frame with poses around it, needed {counted(3, 'consecutive sweep')}"
         )
-    remark = f"{estimator()} estimates the motion of the LiDAR from the sweeps; the drive uses it"
+    remark = f"{odometry_remark()}; the drive uses it"
     block = {"point_times": motion.point_times, "sigma": SIGMA}
     return with_poses(recording, covered, motion.poses, block, remark)
 

@@ -8,11 +8,14 @@ applied last (autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import read_text
 from semcal_cli.formats.camera_block import read_intrinsics
@@ -33,8 +36,7 @@ from semcal_cli.importing.dataset_tree import (
 from semcal_cli.importing.kitti_360_windows import Windows
 from semcal_cli.importing.kitti_motion import MOMENT_360_SIGMA_S, triggered, with_motion
 from semcal_cli.importing.ontologies import read_ontology
-from semcal_cli.importing.recording import Recording, Request, join_frames
-from semcal_cli.importing.sweep_odometry import NS
+from semcal_cli.importing.recording import Recording, Request, SourceFrame, join_frames
 
 DEFAULT_CAMERA = "image_00"
 PERSPECTIVE = ("image_00", "image_01")
@@ -43,6 +45,11 @@ FISHEYES = ("image_02", "image_03")
 """Cameras that look to the sides. Their images are always raw, in data_rgb."""
 PARTS = ("train", "test")
 MAX_FRAME = 10**9
+ONTOLOGY = "kitti-360"
+"""Name of the table of its classes."""
+RAW_PAIR_REMARK = (
+    "data_2d_semantics labels only rectified images: give labels of raw images with --image-labels"
+)
 
 
 def read(request: Request) -> Recording:
@@ -51,75 +58,94 @@ def read(request: Request) -> Recording:
     Raises:
         InputError: the sequence, the camera or a file is missing or wrong, or no frame is complete.
     """
-    root = request.root
-    sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
-    sequence = pick(
-        "sequence",
-        request.sequence,
-        sequences,
-        root,
-        expected="folders such as data_3d_raw/2013_05_28_drive_0000_sync in ROOT",
-    )
+    root, sequence = request.root, _chosen_sequence(request)
     camera = pick("camera", request.camera, [*PERSPECTIVE, *FISHEYES], root, default=DEFAULT_CAMERA)
     rectified = _is_rectified(camera, request.rectified)
     block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
     to_velo = root / "calibration/calib_cam_to_velo.txt"
     T_camera0_lidar = unrectified_camera0_pose(to_velo, read_text(to_velo))
-    images = _images(root, sequence, camera, rectified)
-    folders_of_windows = (root / "data_3d_semantics" / part / sequence / "static" for part in PARTS)
-    folder = next((folder for folder in folders_of_windows if folder.is_dir()), None)
-    raw_pair = camera in PERSPECTIVE and not rectified
-    folder_name = f"{camera}/data_rgb" if raw_pair else camera
-    missing = f"{root}: found no frame of {sequence} with points, a pose and an image of {folder_name}"
-    file = root / "data_poses" / sequence / "poses.txt"
-    T_pose_lidar = _camera_to_pose(root / "calibration", DEFAULT_CAMERA) @ T_camera0_lidar
-    fields: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **images}
-    if folder is None:
-        sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
-        clouds = numbered_files(sweeps / "data", ".bin")
-        stamps = kitti.read_stamps(sweeps / "timestamps.txt")
-        if not stamps:
-            stamps = {int(name): round(KITTI_PERIOD_S * int(name), 9) for name in clouds}
-        frames = join_frames(clouds, points_stamp=stamps, **fields)
-        remarks = ["raw sweeps carry no labels"]
-    else:
-        windows = Windows(folder, visible_only=camera in PERSPECTIVE)
-        poses = _read_poses(file)
-        cuts = {
-            f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
-            for number, T_world_pose in poses.items()
-            if number in windows
-        }
-        frames = join_frames(cuts, speed_mps=_speeds(poses), **fields)
-        remarks = [f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}"]
-    if raw_pair:
-        remarks.append(
-            "data_2d_semantics labels only rectified images: give labels of raw images with --image-labels"
-        )
-    ontology = read_ontology("kitti-360")
-    recording = Recording(
+    is_raw_pair = camera in PERSPECTIVE and not rectified
+    folder_name = f"{camera}/data_rgb" if is_raw_pair else camera
+    fields = {
+        "needs": ("image", "image_labels"),
+        "missing": f"{root}: found no frame of {sequence} with points, a pose and an image of {folder_name}",
+        **_images(root, sequence, camera, rectified),
+    }
+    without_frames = Recording(
         camera=block,
-        lidar=kitti.SPINNING if folder is None else None,
-        frames=frames,
+        frames=(),
         T_camera_lidar=T_camera_camera0 @ T_camera0_lidar,
-        point_classes=ontology if folder else None,
-        image_classes=ontology if any(frame.image_labels for frame in frames) else None,
         # Like KITTI, its drives (named `_sync`) have one image of each camera for every turn of the Velodyne.
         synchronization="hardware",
-        remarks=tuple(remarks),
+        remarks=(RAW_PAIR_REMARK,) if is_raw_pair else (),
         read=(_fisheye(root / "calibration", camera),),
     )
-    if folder is not None:
-        return recording
+    poses_file = root / "data_poses" / sequence / "poses.txt"
+    T_pose_lidar = _camera_to_pose(root / "calibration", DEFAULT_CAMERA) @ T_camera0_lidar
+    folders_of_windows = (root / "data_3d_semantics" / part / sequence / "static" for part in PARTS)
+    folder = next((folder for folder in folders_of_windows if folder.is_dir()), None)
+    if folder is None:
+        sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
+        return _with_raw_sweeps(without_frames, fields, sweeps, poses_file, T_pose_lidar)
+    windows = Windows(folder, visible_only=camera in PERSPECTIVE)
+    return _with_windows(without_frames, fields, windows, poses_file, T_pose_lidar)
+
+
+def _with_raw_sweeps(
+    recording: Recording, fields: Mapping[str, Any], sweeps: Path, poses_file: Path, T_pose_lidar: Pose
+) -> Recording:
+    """Add frames with the raw sweeps in a folder, and their motion if there are poses."""
+    clouds = numbered_files(sweeps / "data", ".bin")
+    stamps = kitti.read_stamps(sweeps / "timestamps.txt")
+    if not stamps:
+        stamps = {int(name): round(KITTI_PERIOD_S * int(name), 9) for name in clouds}
+    frames = join_frames(clouds, points_stamp=stamps, **fields)
+    recording = replace(_with_frames(recording, frames, "raw sweeps carry no labels"), lidar=kitti.SPINNING)
     recording = triggered(recording, MOMENT_360_SIGMA_S)
-    if not file.exists():
+    if not poses_file.exists():
         return recording
     poses_lidar = {
         round(stamps[number] * NS): T_world_pose @ T_pose_lidar
-        for number, T_world_pose in _read_poses(file).items()
+        for number, T_world_pose in _read_poses(poses_file).items()
         if number in stamps
     }
-    return with_motion(recording, poses_lidar, file.name)
+    return with_motion(recording, poses_lidar, poses_file.name)
+
+
+def _with_windows(
+    recording: Recording, fields: Mapping[str, Any], windows: Windows, poses_file: Path, T_pose_lidar: Pose
+) -> Recording:
+    """Add frames with the labelled points that are cut around each pose."""
+    poses = _read_poses(poses_file)
+    cuts = {
+        f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
+        for number, T_world_pose in poses.items()
+        if number in windows
+    }
+    frames = join_frames(cuts, speed_mps=_speeds(poses), **fields)
+    remark = f"raw sweeps carry no labels: points are cut from the accumulated ones in {windows.folder}"
+    return replace(_with_frames(recording, frames, remark), point_classes=read_ontology(ONTOLOGY))
+
+
+def _with_frames(recording: Recording, frames: Sequence[SourceFrame], remark: str) -> Recording:
+    is_labelled = any(frame.image_labels for frame in frames)
+    return replace(
+        recording,
+        frames=frames,
+        image_classes=read_ontology(ONTOLOGY) if is_labelled else None,
+        remarks=(remark, *recording.remarks),
+    )
+
+
+def _chosen_sequence(request: Request) -> str:
+    root = request.root
+    return pick(
+        "sequence",
+        request.sequence,
+        sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")}),
+        root,
+        expected="folders such as data_3d_raw/2013_05_28_drive_0000_sync in ROOT",
+    )
 
 
 def _sequences(folder: Path) -> list[str]:

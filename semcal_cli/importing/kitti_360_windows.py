@@ -42,6 +42,7 @@ class Windows:
     """All windows of accumulated points of a drive."""
 
     def __init__(self, folder: Path, *, visible_only: bool):
+        self.folder = folder
         self._ranges = {_frames(path): path for path in sorted(folder.glob("*.ply"))}
         if not self._ranges:
             raise InputError(f"{folder}: found no windows, expected files such as 0000000002_0000000385.ply")

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli import core
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.input_files import read_text
 from semcal_cli.formats.kitti_files import raw_pose, read_keyed
@@ -21,7 +22,8 @@ from semcal_cli.geometry.arrays import Pose, TwistVector
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.importing.dataset_tree import KITTI_PERIOD_S
 from semcal_cli.importing.recording import Recording, is_covered, with_poses
-from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, NS, SIGMA
+from semcal_cli.importing.stamps import MAX_GAP_NS
+from semcal_cli.importing.sweep_odometry import SIGMA
 from semcal_cli.observations.motion import displacement
 
 SPIN = {"rate_hz": 1.0 / KITTI_PERIOD_S, "clockwise": True, "seam_deg": 180.0}

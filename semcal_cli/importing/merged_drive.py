@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from semcal_cli.config.file_limits import MAX_TABLE_BYTES
-from semcal_cli.drive.document import FILES, Drive, Frame, Motion, output_drive_file
+from semcal_cli.drive.document import Drive, output_drive_file
+from semcal_cli.drive.frames import FILES, Frame
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.input_files import is_same_file, read_text

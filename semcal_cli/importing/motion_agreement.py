@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli import core
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.drive.document import Drive
 from semcal_cli.geometry.arrays import Pose, Vectors
-from semcal_cli.importing.sweep_odometry import NS, SIGMA, are_covered, twist_from
+from semcal_cli.importing.stamps import are_covered
+from semcal_cli.importing.sweep_odometry import SIGMA, twist_from
 from semcal_cli.observations.motion import displacement, read_poses
 
 HALF_NS = NS // 5

@@ -13,14 +13,8 @@ import numpy as np
 
 from semcal_cli.geometry.arrays import Matrices, Numbers, Points, Pose, Vectors
 from semcal_cli.geometry.twists import apply_twist
-from semcal_cli.importing.sweep_odometry import (
-    CELL_M,
-    MIN_SHARE,
-    RANGES_M,
-    cell_shapes,
-    constraint_shares,
-    voxel_keys,
-)
+from semcal_cli.importing.cell_shapes import CELL_M, MIN_SHARE, cell_shapes, constraint_shares, voxel_keys
+from semcal_cli.importing.sweep_odometry import RANGES_M
 
 SURFACE_NOISE_M = 0.05
 """Standard deviation that is added to that of a cell's points: twice the range noise of usual LiDARs, 2 to 3 cm."""

@@ -8,7 +8,7 @@ one sweep to the next, and recordings lose sweeps.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -16,24 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.drive.document import Drive
-from semcal_cli.errors import InputError, counted
-from semcal_cli.events import Listener, Progress, ignore
-from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.geometry.arrays import Array, Matrices, Matrix, Numbers, Points, Pose, Vector, Vectors
-from semcal_cli.geometry.poses import orthonormal, quaternion_xyzw
+from semcal_cli.config.nanoseconds import NS
+from semcal_cli.geometry.arrays import Numbers, Points, Pose
+from semcal_cli.geometry.poses import orthonormal
+from semcal_cli.importing.cell_shapes import MIN_SHARE, constraint_shares, voxel_keys
+from semcal_cli.importing.stamps import MAX_GAP_NS
 from semcal_cli.observations.motion import displacement
-from semcal_cli.observations.point_times import checked_times
 
-NS = 1_000_000_000
 RANGES_M = 1.5, 100.0
 """Ranges of the points that are used. Nearer ones may lie on the vehicle itself and would suggest a standstill."""
 VOXEL_M = 1.0
 MAX_ITERATIONS = 50
 """Maximum number of iterations of one registration, a tenth of KISS-ICP's own: sweeps that do not fit would take all.
 Twelve sweeps each of KITTI-360 and of two drives of KITTI raw get the same poses with 500, to the last bit."""
-MAX_GAP_NS = NS // 2
-"""Longest time from one sweep or pose to the next. After a longer gap between sweeps, the odometry starts anew."""
 NUM_WARM_UPS = 4
 """How many times the first two sweeps are registered, each time deskewed with the motion found before."""
 SPEEDS_M_S = np.linspace(-40.0, 40.0, 81)
@@ -53,11 +48,6 @@ MAX_SWEEP_POINTS, MAX_SWEEP_CELLS = 500_000, 10_000
 one point a voxel; sweeps of 64 channels of KITTI, KITTI-360 and RELLIS-3D fill 2,800 to 3,000."""
 DOUBTFUL_NS = NS // 2
 """Time before and after a doubtful sweep in which no pose is trusted."""
-MIN_SHARE = 0.07
-"""Smallest share of a sweep's constraints along any direction. It is 0.04 between endless smooth walls, and 0.12 to
-0.24 in KITTI's streets, also in a traffic jam, and in synthetic ones."""
-CELL_M, ROUGH_M, MIN_CELL_POINTS = 2.0, 0.1, 8
-"""Side of the cells whose shapes are measured, roughness below which a surface is flat, and fewest points of a cell."""
 
 
 class _Sweep(NamedTuple):
@@ -68,33 +58,9 @@ class _Sweep(NamedTuple):
     """Middle of the times of its points, for which its pose is estimated."""
 
 
-def estimator() -> str:
-    """Name the software that estimates the poses, with its version."""
-    return f"KISS-ICP {version('kiss-icp')}"
-
-
-def are_covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
-    """Return whether poses with these ascending stamps lie close before and after each of the moments."""
-    indices = [bisect_left(stamps_ns, moment) for moment in moments_ns]
-    return all(
-        0 < index < len(stamps_ns) and stamps_ns[index] - stamps_ns[index - 1] <= MAX_GAP_NS
-        for index in indices
-    )
-
-
-def tum_text(poses: Mapping[int, Pose]) -> str:
-    """Format poses (4, 4) by their times in nanoseconds, one per line: seconds x y z qx qy qz qw (TUM)."""
-    lines = []
-    for stamp_ns, T in poses.items():
-        numbers = [*T[:3, 3], *quaternion_xyzw(T)]
-        lines.append(" ".join([seconds_text(stamp_ns), *(f"{number:.12g}" for number in numbers)]))
-    return "\n".join(lines) + "\n"
-
-
-def seconds_text(stamp_ns: int) -> str:
-    """Format a time in seconds, with all nine digits of its nanoseconds."""
-    sign, stamp = ("-" if stamp_ns < 0 else ""), abs(stamp_ns)
-    return f"{sign}{stamp // NS}.{stamp % NS:09d}"
+def odometry_remark() -> str:
+    """Return the sentence that names the software which estimates the poses, with its version."""
+    return f"KISS-ICP {version('kiss-icp')} estimates the motion of the LiDAR from the sweeps"
 
 
 class Odometry:
@@ -228,67 +194,6 @@ class Odometry:
         return twist_from(before, self._kiss.last_pose, step_ns / NS)
 
 
-def voxel_keys(points: Vectors | Points, side_m: float) -> Array:
-    """Number the voxels of a side, metres, in which points (N, 3) lie: (N,)."""
-    keys: Array = np.floor(points / side_m).astype(np.int64) @ [1, 1 << 20, 1 << 40]
-    return keys
-
-
-class CellShapes(NamedTuple):
-    """The shapes of the cells with enough points: the normal distributions of the points of each."""
-
-    keys: Array
-    """(C,) see `voxel_keys`; ascending."""
-    means: Vectors
-    """(C, 3) metres."""
-    variances: Vectors
-    """(C, 3) along the axes, square metres, ascending."""
-    axes: Matrices
-    """(C, 3, 3) columns."""
-
-
-def cell_shapes(points: Vectors) -> CellShapes:
-    """Measure the shapes of the cells that points (N, 3), metres, fill."""
-    centers = (np.floor(points / CELL_M) + 0.5) * CELL_M
-    inside = points - centers
-    keys, first, cell, counts = np.unique(
-        voxel_keys(points, CELL_M), return_index=True, return_inverse=True, return_counts=True
-    )
-    mean = np.stack([np.bincount(cell, axis) for axis in inside.T], axis=-1) / counts[:, None]
-    products = [[np.bincount(cell, a * b) for b in inside.T] for a in inside.T]
-    covariances = (
-        np.moveaxis(np.array(products), -1, 0) / counts[:, None, None] - mean[:, :, None] * mean[:, None]
-    )
-    is_full = counts >= MIN_CELL_POINTS
-    return CellShapes(keys[is_full], (centers[first] + mean)[is_full], *np.linalg.eigh(covariances[is_full]))
-
-
-def constraint_shares(
-    points: Vectors,
-) -> tuple[Vector, Matrix]:
-    """Measure how well a sweep constrains its position along each direction.
-
-    A surface constrains it along its normal. All cells with a surface have the same weight; the covariance of their
-    points gives their normals. Between two smooth walls, almost no normal points along the walls.
-
-    Args:
-        points: (N, 3) metres, LiDAR frame.
-
-    Returns:
-        Shares (3,) of the three directions, which sum to 1, the smallest first, and their axes as columns (3, 3);
-        zeros and the LiDAR's axes without surfaces.
-    """
-    _, _, variances, axes = cell_shapes(points)
-    is_surface = variances[:, 1] > 2.0 * ROUGH_M**2
-    variances, axes = variances[is_surface], axes[is_surface]
-    if not len(variances):
-        return np.zeros(3), np.eye(3)
-    weights = 1.0 / (variances + ROUGH_M**2)
-    weights /= weights.sum(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("nia,na,nja->ij", axes, weights, axes) / len(weights))
-    return values, vectors
-
-
 def _best_speed(first: _Sweep, second: _Sweep) -> list[float]:
     """Find the velocity along the least constrained direction at which two sweeps overlap most.
 
@@ -313,77 +218,6 @@ def _overlap(first: _Sweep, second: _Sweep, twist_per_s: Sequence[float]) -> flo
 def _jumps(before: Sequence[float], after: Sequence[float]) -> bool:
     change = np.subtract(after, before)
     return bool(np.linalg.norm(change[:3]) > MAX_CHANGE_M_S or np.linalg.norm(change[3:]) > MAX_CHANGE_RAD_S)
-
-
-class DriveMotion(NamedTuple):
-    """The motion of a drive, estimated from its sweeps."""
-
-    poses: dict[int, Pose]
-    """Poses (4, 4) of the LiDAR, by their times in nanoseconds."""
-    doubtful_ns: list[int]
-    """Times at which the motion is doubtful; poses near them are left out."""
-    uncovered: list[str]
-    """Sweeps of frames without poses close before and after them."""
-    point_times: str
-    """`relative`, `absolute` or `deskewed`, for `point_times` of the `motion:` block."""
-
-    def tum(self) -> str:
-        """Format the poses, one per line (see `tum_text`), after a comment that says what estimated them."""
-        return f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n{tum_text(self.poses)}"
-
-
-def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
-    """Estimate the motion of the LiDAR in a drive of consecutive sweeps. One sweep is in memory at a time.
-
-    Sweeps whose points have no times, neither their own nor by the LiDAR's spin, are assumed to be deskewed to their
-    stamp, as are those of a drive whose `motion` says so.
-
-    Raises:
-        InputError: a frame has no stamp, a file cannot be read, point times cannot be seconds or do not belong to the
-            stamps, or the sweeps are not consecutive.
-    """
-    odometry, is_absolute = Odometry(), False
-    stamps_s, moments_s = dict[str, float](), dict[str, list[float]]()
-    frames = {frame.points: frame for frame in drive.frames}
-    for frame in drive.frames:
-        if frame.points_stamp is None:
-            problem = f"{drive.path}: {frame.key('points_stamp')}: found nothing"
-            raise InputError(f"{problem}, expected the time of the sweep for odometry")
-        stamps_s.setdefault(frame.points, frame.points_stamp)
-        moments_s.setdefault(frame.points, []).append(frame.image_stamp or frame.points_stamp)
-    ordered = sorted(stamps_s.items(), key=lambda item: item[1])
-    for index, (name, stamp_s) in enumerate(ordered):
-        on_event(Progress("estimating the motion from the sweeps", index, len(ordered)))
-        (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points, drive.point_form)
-        times_s, is_on_clock = checked_times(drive, frames[name], cloud, None) or (None, False)
-        if times_s is not None and is_on_clock:
-            is_absolute, times_s = True, times_s - stamp_s
-        odometry.add(cloud.points, times_s, round(stamp_s * NS))
-        moments_s[name] += [stamp_s + end for end in (0.0, *_ends(times_s))]
-    poses = odometry.poses()
-    gaps_s = np.diff([stamp_s for _, stamp_s in ordered])
-    if not poses or np.median(gaps_s) > MAX_GAP_NS / NS:
-        problem = f"found {counted(len(ordered), 'sweep')}" + (
-            f", {np.median(gaps_s):.3g} s apart" if len(gaps_s) else ""
-        )
-        needed = f"expected consecutive ones, at most {MAX_GAP_NS / NS:g} s apart"
-        raise InputError(
-            f"{drive.path}: {problem}, {needed}; `import bag --odometry` reads all sweeps of a recording"
-        )
-    stamps = list(poses)
-    uncovered = [
-        name
-        for name, _ in ordered
-        if not are_covered(stamps, [round(moment_s * NS) for moment_s in moments_s[name]])
-    ]
-    reference = "absolute" if is_absolute else "relative"
-    if drive.motion is not None and drive.motion.point_times == "deskewed":
-        reference = "deskewed"
-    return DriveMotion(poses, odometry.doubtful_ns, uncovered, reference)
-
-
-def _ends(times_s: Numbers | None) -> list[float]:
-    return [] if times_s is None else [float(np.nanmin(times_s)), float(np.nanmax(times_s))]
 
 
 def _sweep(points: Points, times_s: Numbers | None, stamp_ns: int) -> _Sweep:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator, model_validator
 
 from semcal_cli.drive.camera import ImageSide
-from semcal_cli.drive.document import Ids
+from semcal_cli.drive.class_ids import Ids
 from semcal_cli.errors import InputError, counted, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import StrictModel, Version, check_distinct, length, validate

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.drive.document import FILES, Drive, output_drive_file
+from semcal_cli.drive.document import Drive, output_drive_file
+from semcal_cli.drive.frames import FILES
 from semcal_cli.drive.networks import SecondLabels
 from semcal_cli.errors import InputError, OccupiedError
 from semcal_cli.events import Listener, Progress, ignore

@@ -7,6 +7,7 @@ import io
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -15,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.drive.networks import LabelNetwork
 from semcal_cli.errors import InputError, name_in_errors
 from semcal_cli.files.array_forms import ArrayCloud, SweepCloud
@@ -83,66 +85,80 @@ def image_side(
         InputError: the model cannot be read.
     """
     model, network = labeller.model, _network_record(labeller.model)
-    card = model.card
-    settings = {
-        "model": network.sha256,
-        "size": card.size,
-        "fit": card.fit,
-        **({} if card.short_side is None else {"sides": (card.short_side, card.long_side)}),
-        "color": card.color,
-        "numbers": (card.scale, card.mean, card.std),
-        "outputs": model.outputs,
-        "kind": card.kind,
-        "align_corners": card.align_corners,
-        **{
-            key: getattr(card, key)
-            for key in OPTIONAL_KEYS
-            if getattr(card, key) != ImageCard.model_fields[key].default
-        },
-        "rectified": labeller.camera.model_dump(mode="json", exclude={"mask"})
-        if labeller.is_rectified
-        else None,
-        "probabilities": has_probabilities,
-        **({} if levels is None else {"levels": levels}),
-    }
-    class_ids = {value for ids in model.classes.values() for value in ids}
+    labels = _ImageLabels(labeller, has_probabilities)
     ignored = dict.fromkeys((*model.ignore, NO_BYTE, NO_ID))
+    return LabelSide(
+        key="image_labels",
+        source="image",
+        suffix=".npz" if has_probabilities else ".png",
+        classes=model.classes,
+        ignore=tuple(value for value in ignored if value not in labels.class_ids),
+        settings={"model": network.sha256, **labels.settings(levels)},
+        label=labels.label,
+        is_whole=labels.is_whole,
+        origin=hub_name(model.network.path),
+        network=network,
+    )
 
-    def label(drive: Drive, frame: Frame) -> bytes:
+
+@dataclass(frozen=True, eq=False)
+class _ImageLabels:
+    """Files of image labels from a network."""
+
+    labeller: ImageLabeller
+    has_probabilities: bool
+
+    @cached_property
+    def class_ids(self) -> frozenset[int]:
+        return frozenset(value for ids in self.labeller.model.classes.values() for value in ids)
+
+    def settings(self, levels: tuple[int, int] | None) -> dict[str, object]:
+        """Collect everything that the labels depend on besides the image and the network's weights."""
+        labeller, model, card = self.labeller, self.labeller.model, self.labeller.model.card
+        camera = labeller.camera.model_dump(mode="json", exclude={"mask"}) if labeller.is_rectified else None
+        return {
+            "size": card.size,
+            "fit": card.fit,
+            **({} if card.short_side is None else {"sides": (card.short_side, card.long_side)}),
+            "color": card.color,
+            "numbers": (card.scale, card.mean, card.std),
+            "outputs": model.outputs,
+            "kind": card.kind,
+            "align_corners": card.align_corners,
+            **{
+                key: getattr(card, key)
+                for key in OPTIONAL_KEYS
+                if getattr(card, key) != ImageCard.model_fields[key].default
+            },
+            "rectified": camera,
+            "probabilities": self.has_probabilities,
+            **({} if levels is None else {"levels": levels}),
+        }
+
+    def label(self, drive: Drive, frame: Frame) -> bytes:
+        """Label the image of a frame, and make the content of its file."""
         path = drive.file_of(frame, "image", "an image")
         image = read_needed_image(drive, frame)
         with name_in_errors(path):
-            if has_probabilities:
-                return _probability_archive(labeller.shares(image))
-            ids = labeller.ids(image)
-        is_small = NO_BYTE not in class_ids and ids[ids != NO_ID].max(initial=0) < NO_BYTE
+            if self.has_probabilities:
+                return _probability_archive(self.labeller.shares(image))
+            ids = self.labeller.ids(image)
+        is_small = NO_BYTE not in self.class_ids and ids[ids != NO_ID].max(initial=0) < NO_BYTE
         if is_small:
             ids = np.where(ids == NO_ID, NO_BYTE, ids).astype(np.uint8)
         return bytes(cv2.imencode(".png", ids)[1].tobytes())
 
-    def is_whole(drive: Drive, path: Path) -> bool:
+    def is_whole(self, drive: Drive, path: Path) -> bool:
+        """Return whether a file of labels can be read, and is of the camera's size."""
         width, height = drive.camera.width, drive.camera.height
         try:
-            if has_probabilities:
+            if self.has_probabilities:
                 core.read_class_shares([path], (height, width))
             else:
                 core.read_label_images([path], width, height)
         except InputError:
             return False
         return True
-
-    return LabelSide(
-        key="image_labels",
-        source="image",
-        suffix=".npz" if has_probabilities else ".png",
-        classes=model.classes,
-        ignore=tuple(value for value in ignored if value not in class_ids),
-        settings=settings,
-        label=label,
-        is_whole=is_whole,
-        origin=hub_name(model.network.path),
-        network=network,
-    )
 
 
 def sweep_side(labeller: SweepLabeller | CloudLabeller) -> LabelSide:

@@ -11,7 +11,8 @@ from functools import cache
 import numpy as np
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
 from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.arrays import Mask

@@ -17,7 +17,9 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Drive, Frame, Motion
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.input_files import read_text
@@ -148,7 +150,7 @@ def motion_error_px(drive: Drive, clouds: Sequence[SweepCloud]) -> float | None:
     if motion is None or motion.speed_m_s is None:
         return None
     if motion.speed_m_s == 0.0:
-        return 0.0 if any(drive.told_times(cloud) is not None for cloud in clouds) else None
+        return 0.0 if any(drive.point_times(cloud) is not None for cloud in clouds) else None
     shifts_px = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
         told = checked_times(drive, frame, cloud, motion.point_times)

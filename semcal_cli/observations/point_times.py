@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from semcal_cli.config.point_files import SECONDS_PER_UNIT, NamedUnit
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.geometry.arrays import Numbers
@@ -46,14 +47,14 @@ def checked_times(
 
     Returns:
         Times (N,) in seconds, and whether they are on the clock of the stamps instead of counting from `points_stamp`;
-        None where `Drive.told_times` finds none.
+        None where `Drive.point_times` finds none.
 
     Raises:
         InputError: times of the file are not finite, span no sweep, sweeps would overlap by far, they may be seconds or
             shares of a sweep, or they are too far from the stamp. The message names the unit or the reference that
             would fit. Those of a drive that stands are not checked, and with a speed alone any clock will do.
     """
-    told = drive.told_times(cloud)
+    told = drive.point_times(cloud)
     if told is None:
         return None
     times_s, is_spun = told

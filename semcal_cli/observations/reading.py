@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.drive.held_arrays import HeldArrays
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.array_forms import MAX_ID, Labels, SweepCloud, cloud_of, image_of, labels_of

@@ -12,7 +12,8 @@ import numpy as np
 from semcal_cli.config import AUTO, MAX_FRAMES, RefinementConfig
 from semcal_cli.config.directions import Direction
 from semcal_cli.config.setting import check_settings
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.formats import read_reference

@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.image_files import write_image
 from semcal_cli.files.output_files import make_folder

@@ -15,7 +15,8 @@ import rerun as rr
 
 from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
 from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import read_bytes

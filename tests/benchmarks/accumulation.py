@@ -28,8 +28,10 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.importing.accumulated_drive import accumulate_drive
+from semcal_cli.importing.drive_odometry import drive_motion
 from semcal_cli.importing.merged_drive import merge_drives
-from semcal_cli.importing.sweep_odometry import SIGMA, drive_motion, tum_text
+from semcal_cli.importing.stamps import tum_text
+from semcal_cli.importing.sweep_odometry import SIGMA
 from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import calibrate
 

@@ -22,7 +22,8 @@ from real_data import READERS, real_drives
 
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synchronization import Synchronization
-from semcal_cli.drive.document import Drive, Frame, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import NUMBER, Column, common, count, digits, measure_of, median

@@ -33,7 +33,9 @@ from real_data import READERS
 from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.camera_motion import CAMERA_MOTION, standard_errors
 from semcal_cli.config import CalibrationConfig
-from semcal_cli.drive.document import DRIVE_FILE, Drive, Motion, read_drive
+from semcal_cli.config.nanoseconds import NS
+from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.hand_eye import NotDetermined, choose_pairs, hand_eye
 from semcal_cli.estimation.search.visual_motion import camera_motions
@@ -41,7 +43,7 @@ from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, inverse, rotation_error_deg
 from semcal_cli.geometry.twists import rotation_matrix
-from semcal_cli.importing.sweep_odometry import NS, tum_text
+from semcal_cli.importing.stamps import tum_text
 
 TURNED_DEG = (0.0, 0.5, 1.0, 2.0, 5.0)
 NUM_AXES = 50

@@ -23,11 +23,12 @@ from benchmark import script, table
 from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
 
 from semcal_cli import core
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, rotation_error_deg
 from semcal_cli.importing.kitti_motion import T_LIDAR_IMU
-from semcal_cli.importing.sweep_odometry import NS, Odometry, twist_from
+from semcal_cli.importing.sweep_odometry import Odometry, twist_from
 
 STREETS = ((5.0, 0.3, 0.0), (10.0, -0.2, 0.0), (15.0, 0.15, 0.0), (10.0, 0.2, 0.3))
 """Speeds and turns, metres and radians a second, and the share by which both rise and fall."""

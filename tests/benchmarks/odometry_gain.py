@@ -22,9 +22,12 @@ from benchmark import script, table
 from moving_street import MovingStreet
 
 from semcal_cli.config import AdjustmentConfig, CalibrationConfig, RefinementConfig
-from semcal_cli.drive.document import Drive, Motion, MotionSigma, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion, MotionSigma
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.importing.sweep_odometry import SIGMA, drive_motion, tum_text
+from semcal_cli.importing.drive_odometry import drive_motion
+from semcal_cli.importing.stamps import tum_text
+from semcal_cli.importing.sweep_odometry import SIGMA
 from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import calibrate
 from semcal_cli.result.calibration_document import CalibrationDocument

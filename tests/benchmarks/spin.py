@@ -22,8 +22,9 @@ from benchmark import script, summary
 from real_data import READERS
 
 from semcal_cli.config import CalibrationConfig
-from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.lidar import Lidar
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import NUMBER, Column, common, count, digits, measure_of, median
@@ -35,7 +36,8 @@ from semcal_cli.importing.choice import Options
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.importing.kitti_motion import MOMENT_S, SPIN, poses_along
 from semcal_cli.importing.recording import Request
-from semcal_cli.importing.sweep_odometry import tum_text, twist_from
+from semcal_cli.importing.stamps import tum_text
+from semcal_cli.importing.sweep_odometry import twist_from
 from semcal_cli.pipeline import calibrate
 
 MOMENTS_MS = (0.0, 1e3 * MOMENT_S, 7.4)

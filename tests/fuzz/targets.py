@@ -27,7 +27,8 @@ from stranger_targets import (
 
 from semcal_cli.config import Limits
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.documents import document_text, output_format, parse_document
 from semcal_cli.files.validation import StrictModel, validate

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from semcal_argoverse2.feather_tables import read_columns, read_sensors
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError
 from semcal_cli.formats.node import MAX_WORLD_M, camera_block, image_side, pick, rigid, stamp_s
@@ -24,7 +25,6 @@ from semcal_cli.geometry.poses import inverse, pose_from_quaternion
 from semcal_cli.importing import reads
 from semcal_cli.importing.dataset_tree import folders, numbered_files
 from semcal_cli.importing.recording import Cloud, Conversion, Recording, Request, SourceFrame, with_trajectory
-from semcal_cli.importing.sweep_odometry import NS
 
 SPLITS = ("train", "val", "test")
 EXTRINSICS = "calibration/egovehicle_SE3_sensor.feather"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.config.file_limits import MAX_TABLE_BYTES
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.config.point_files import PointForm
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document, read_document
@@ -31,7 +32,6 @@ from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.dataset_tree import files_by_stem, folders
 from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
 from semcal_cli.importing.recording import Recording, Request, SourceFrame, with_trajectory
-from semcal_cli.importing.sweep_odometry import NS
 
 KINDS = ("sequences", "drives")
 """Folders of what has a course of time. The frames in single_frames have one image each, and a calibration each."""

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.config import AdjustmentConfig, PolishConfig
-from semcal_cli.drive.document import DEFAULT_CLOCK_SIGMA_S, Motion
+from semcal_cli.drive.document import DEFAULT_CLOCK_SIGMA_S
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.estimation.adjust.joint_fit import Problem, Variables
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.twists import adjoint

@@ -22,7 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.geometry.arrays import Matrix, Pose, Vector
 from semcal_cli.geometry.poses import cross_matrix, rotation_difference
 from semcal_cli.geometry.twists import rotation_matrix

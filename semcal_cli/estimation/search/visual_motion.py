@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.geometry.arrays import Mask, Matrix, Rays, Vector
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.observations.masks import seen_pixels

@@ -14,12 +14,13 @@ from typing import Any, NamedTuple, Protocol
 
 from zstandard import ZstdDecompressor
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.input_files import is_folder, is_same_file, kind_of, open_file, read_start, read_text
 from semcal_cli.formats.node import Node
 from semcal_cli.importing.bags.mcap_file import McapFile
-from semcal_cli.importing.bags.messages import NS, Message, Span, Topic
+from semcal_cli.importing.bags.messages import Message, Span, Topic
 from semcal_cli.importing.bags.recording_files import (
     MAGIC_BYTES,
     MCAP_MAGIC,
@@ -65,6 +66,8 @@ FORMATS = {
 MAX_RATIO, MAX_SMALL_BYTES = 100, 1 << 30
 """A compressed file may unpack to this multiple of its size, or to this many bytes if that is more."""
 PART_BYTES = 1 << 20
+MAX_REMARKS = 3
+"""Largest number of remarks about damage in an error."""
 STEP_NS = NS // 2
 """How long after a damaged message reading resumes; it doubles until something can be read."""
 
@@ -147,6 +150,10 @@ class Bag:
             f"{reason} ({count:,} times)" if count > 1 else reason for reason, count in self._damaged.items()
         ]
         return [*self.remarks, *(f"left out damaged data: {reason}" for reason in reasons)]
+
+    def refusal(self, problem: str) -> InputError:
+        """Make the error of a recording that gives no drive, with what is damaged in it."""
+        return InputError("; ".join([problem, *self.damage_remarks()[:MAX_REMARKS]]))
 
     def _part_messages(self, file: Path, topics: set[Topic], start: int, stop: int) -> Iterator[Message]:
         storage, step = self._storages[file], STEP_NS

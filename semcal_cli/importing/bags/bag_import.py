@@ -13,15 +13,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semcal_cli.drive.document import Frame, output_drive_file
+from semcal_cli.config.nanoseconds import NS
+from semcal_cli.drive.document import output_drive_file
 from semcal_cli.drive.frame_ids import FrameIds
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.input_files import is_folder, is_same_file
 from semcal_cli.files.output_files import make_folder, no_empty_folder, remove_if_refused
-from semcal_cli.formats.camera_block import read_intrinsics, resized
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.importing.bags.bag import Bag
-from semcal_cli.importing.bags.camera_messages import CameraInfo, camera_block, check_same, read_camera_info
+from semcal_cli.importing.bags.camera_messages import check_same
 from semcal_cli.importing.bags.candidates import (
     Spool,
     SpooledPair,
@@ -30,15 +32,14 @@ from semcal_cli.importing.bags.candidates import (
     spool_pairs,
     wanted_times,
 )
-from semcal_cli.importing.bags.image_messages import image_file, looks_like_mosaic
-from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic, frame_of
+from semcal_cli.importing.bags.image_messages import looks_like_mosaic
+from semcal_cli.importing.bags.messages import VIDEOS, Message, MessageError, Topic, frame_of
 from semcal_cli.importing.bags.point_messages import read_sweep
+from semcal_cli.importing.bags.recorded_camera import recorded_camera
 from semcal_cli.importing.bags.recorded_frames import (
     NO_TIMES,
+    FrameWriter,
     WrittenFrame,
-    image_folder,
-    with_sweeps_around,
-    write_frames,
     write_motion,
 )
 from semcal_cli.importing.bags.recorded_motion import Trajectory, find_motion, read_frames
@@ -49,7 +50,7 @@ from semcal_cli.importing.bags.video import Video
 from semcal_cli.importing.choice import Options
 from semcal_cli.importing.drive_folder import WrittenDrive, check_may_replace, write_drive
 from semcal_cli.importing.motion_agreement import compare_motions
-from semcal_cli.importing.recording import Recording
+from semcal_cli.importing.recording import Recording, SourceFrame
 from semcal_cli.importing.sweep_odometry import Odometry
 
 AROUND_NS = NS
@@ -57,10 +58,8 @@ AROUND_NS = NS
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
 NOT_READ = "sweeps: between the times that were read"
-MAX_REMARKS = 3
-"""Largest number of remarks about damage in an error."""
-MAX_LATCHED = 100
-"""Largest number of messages of a camera that is published now and then, rather than with each image."""
+MAX_WITHOUT_FRAME = 100
+"""Largest number of messages in which the name of a frame is searched."""
 
 
 class ImportedDrive(NamedTuple):
@@ -99,6 +98,15 @@ def import_bag(
         return _Import(bag, request, out, on_event, write, force).run()
 
 
+class _Mounting(NamedTuple):
+    """What a recording states about how the LiDAR and the camera are mounted."""
+
+    T_camera_lidar: Pose | None
+    """(4, 4) metres; None if no fixed transforms connect them."""
+    frame_ids: FrameIds | None
+    """Names of their frames; None if the recording does not name them."""
+
+
 class _Import:
     def __init__(
         self,
@@ -117,7 +125,6 @@ class _Import:
         self.read = (*bag.files, *intrinsics)
         is_video = self.topics.image.is_a(VIDEOS)
         self.video = Video(bag, self.topics.image) if is_video else None
-        self.info: CameraInfo | None = None
         self.trajectory: Trajectory | None = None
         self.remarks = [
             f"{topic.name} is not used: it holds the messages of {topic.name.rpartition('/')[0]} in another encoding"
@@ -127,96 +134,110 @@ class _Import:
 
     def run(self) -> ImportedDrive:
         self._check_output()
-        camera, request = self._camera(), self.request
+        self.camera = recorded_camera(self.bag, self.request, self.topics)
+        self.remarks += self.camera.remarks
+        mounting = self._read_mounting()
+        wanted_ns = wanted_times(self.bag, self.topics, self.request)
+        odometry = self._odometry(wanted_ns) if self.request.odometry else None
+        self._use_odometry(odometry)
+        writer = FrameWriter(
+            self.camera.block, self.topics, self.request, self.path.parent, self.write, self.on_event
+        )
+        chosen, written_frames = self._write_frames(writer, wanted_ns)
+        motion, frames = self._write_motion(written_frames, odometry)
+        recording = self._recording(mounting, motion, frames)
+        written = write_drive(recording, Options(), self.path, force=True)
+        pairs = [candidate.pair for candidate in chosen]
+        sweeps_ns = {pair.sweep_ns: pair.sweep.received_ns for pair in pairs}
+        return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out, sweeps_ns)
+
+    def _read_mounting(self) -> _Mounting:
+        """Read what the recording states about the LiDAR and the camera, and which topic states the motion."""
         tree, moving = read_frames(self.bag)
         lidar, camera_frame = (self._first_frame(topic) for topic in (self.topics.points, self.topics.image))
         self.frame_ids = {self.topics.points: lidar, self.topics.image: camera_frame}
-        rectification = self.info if self.topics.is_rectified else None
-        T_camera_lidar, remarks = reference(tree, lidar, camera_frame, rectification, request.frame)
+        axes, rectification = self.request.frame, self.camera.info if self.topics.is_rectified else None
+        T_camera_lidar, remarks = reference(tree, lidar, camera_frame, rectification, axes)
         self.remarks += remarks
-        optical = optical_frame(tree, lidar, camera_frame, rectification, request.frame)
+        optical = optical_frame(tree, lidar, camera_frame, rectification, axes)
         named, remarks = FrameIds.of_recording(lidar, optical)
         self.remarks += remarks
         self.trajectory, reason = find_motion(
-            self.bag, tree, moving, lidar, request.motion, request.motion_frame
+            self.bag, tree, moving, lidar, self.request.motion, self.request.motion_frame
         )
         self.remarks += [reason] if reason else []
-        wanted_ns = wanted_times(self.bag, self.topics, request)
-        odometry = self._odometry(wanted_ns) if request.odometry else None
+        return _Mounting(T_camera_lidar, named)
+
+    def _use_odometry(self, odometry: Odometry | None) -> None:
+        """Take the motion from the sweeps if no topic states it."""
         if odometry is not None and self.trajectory is None:
             self.trajectory = Trajectory.from_poses(odometry.poses())
             self.remarks += odometry.doubts(self.bag.start_ns)
-        make_folder(self.path.parent)
-        refusals: Counter[str] = Counter()
+
+    def _write_frames(
+        self, writer: FrameWriter, wanted_ns: Sequence[int]
+    ) -> tuple[list[SpooledPair], list[WrittenFrame]]:
+        """Choose pairs near wanted times, and write their frames and the sweeps around these, by time."""
+        make_folder(writer.folder)
         try:
-            with tempfile.TemporaryFile(dir=self.path.parent) as file:
+            with tempfile.TemporaryFile(dir=writer.folder) as file:
                 spool = Spool(file, self.video)
                 candidates = self._candidates(spool, wanted_ns)
-                self._check_replaced(candidates)
-                chosen = choose(candidates, request, self.trajectory, self.left_out)
-                written_frames = write_frames(
-                    chosen,
-                    spool,
-                    camera,
-                    self.topics,
-                    request.bayer,
-                    self.path.parent,
-                    self.on_event,
-                    refusals,
-                    self.write,
-                    request.spin,
-                )
+                self._check_replaced(candidates, writer.image_folder)
+                chosen = choose(candidates, self.request, self.trajectory, self.left_out)
+                written, refusals = writer.write_frames(chosen, spool)
         except OSError as error:
-            raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
-        if not written_frames:
+            raise InputError(f"{writer.folder}: cannot be written: {os_reason(error)}") from None
+        if not written:
             raise self._no_pair(next(iter(refusals), "none has a sweep that the first camera has"))
         self.left_out += refusals
-        first_image = written_frames[0].source.image
+        self._remark_on(written)
+        if self.request.around_s is not None:
+            num_frames = len(written)
+            written = writer.with_sweeps_around(written, chosen, self._read_sweeps)
+            self.left_out -= Counter({NOT_READ: len(written) - num_frames})
+        return chosen, written
+
+    def _remark_on(self, written: Sequence[WrittenFrame]) -> None:
+        """Remark on the colours of the images and the times of the points."""
+        first_image = written[0].source.image
         if first_image is not None and looks_like_mosaic(first_image):
             self.remarks.append(
                 f"{self.topics.image.name} looks like the mosaic of a Bayer camera, and its messages do not state the "
                 "pattern: --bayer rggb, bggr, gbrg or grbg makes colours of it"
             )
-        self.remarks += list(
-            dict.fromkeys(frame.times.remark for frame in written_frames if frame.times.remark)
-        )
-        if request.around_s is not None:
-            num_frames = len(written_frames)
-            written_frames = with_sweeps_around(
-                written_frames,
-                chosen,
-                request,
-                self.topics,
-                self._read_sweeps,
-                self.path.parent,
-                self.on_event,
-                self.write,
-            )
-            self.left_out -= Counter({NOT_READ: len(written_frames) - num_frames})
-        motion, frames = None, [frame.source for frame in written_frames]
-        if self.trajectory is not None:
-            motion, frames, remark = write_motion(self.trajectory, written_frames, self.path, self.write)
-            self.remarks.append(remark)
-            if odometry is not None and self._poses_topic is not None:
-                self.remarks.append(self._comparison(self._poses_topic.name, odometry, written_frames))
-            if left := len(written_frames) - len(frames):
-                self.left_out["pairs: no poses around them, or no point times"] += left
-        recording = Recording(
-            camera=camera,
-            lidar=None if request.spin is None else {"spin": request.spin.model_dump()},
+        self.remarks += dict.fromkeys(frame.times.remark for frame in written if frame.times.remark)
+
+    def _write_motion(
+        self, written: Sequence[WrittenFrame], odometry: Odometry | None
+    ) -> tuple[dict[str, Any] | None, list[SourceFrame]]:
+        """Write the poses if there are any; return the `motion:` block and the frames that they cover."""
+        if self.trajectory is None:
+            return None, [frame.source for frame in written]
+        motion, frames, remark = write_motion(self.trajectory, written, self.path, self.write)
+        self.remarks.append(remark)
+        if odometry is not None and self._poses_topic is not None:
+            self.remarks.append(self._comparison(self._poses_topic.name, odometry, written))
+        if left := len(written) - len(frames):
+            self.left_out["pairs: no poses around them, or no point times"] += left
+        return motion, frames
+
+    def _recording(
+        self, mounting: _Mounting, motion: dict[str, Any] | None, frames: Sequence[SourceFrame]
+    ) -> Recording:
+        spin, named = self.request.spin, mounting.frame_ids
+        return Recording(
+            camera=self.camera.block,
+            lidar=None if spin is None else {"spin": spin.model_dump()},
             frame_ids=None if named is None else named.model_dump(exclude_none=True),
             frames=frames,
-            T_camera_lidar=T_camera_lidar,
+            T_camera_lidar=mounting.T_camera_lidar,
             motion=motion,
             synchronization="stamps",
             remarks=(*self.remarks, *self.bag.damage_remarks()),
             read=self.read,
             labels_by=None,
         )
-        written = write_drive(recording, Options(), self.path, force=True)
-        pairs = [candidate.pair for candidate in chosen]
-        sweeps_ns = {pair.sweep_ns: pair.sweep.received_ns for pair in pairs}
-        return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out, sweeps_ns)
 
     def _read_sweeps(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield sweeps; poses are handled here."""
@@ -236,11 +257,10 @@ class _Import:
         if not self.force:
             check_may_replace(self.path, lambda file, frame: True)
 
-    def _check_replaced(self, candidates: Sequence[SpooledPair]) -> None:
+    def _check_replaced(self, candidates: Sequence[SpooledPair], images: Path) -> None:
         """Check that a drive.yaml in the place of the new one is of the same topic of images, at the same time."""
         if self.force:
             return
-        images = image_folder(self.path.parent, self.topics)
         # The whole recording: this run may choose, or only look for, frames at other times than the one before.
         span = [self.bag.start_ns, self.bag.end_ns, *(candidate.pair.image_ns for candidate in candidates)]
 
@@ -251,66 +271,13 @@ class _Import:
         check_may_replace(self.path, is_known)
 
     def _no_pair(self, reason: str) -> InputError:
-        return self._refusal(f"{self.bag.paths[0]}: found no usable pair of a sweep and an image: {reason}")
-
-    def _refusal(self, problem: str) -> InputError:
-        """Make the error of a recording that gives no drive, with what is damaged in it."""
-        return InputError("; ".join([problem, *self.bag.damage_remarks()[:MAX_REMARKS]]))
-
-    def _camera(self) -> dict[str, Any]:
-        """Read the camera, converted to the size of the first image if the user says that images were resized."""
-        block, image = self._stated_camera(), self.topics.image
-        if not self.request.is_resized:
-            return block
-        if self.video is not None or (first := self.bag.first(image)) is None:
-            raise InputError(f"--resized: found no still images in {image.name}, expected some")
-        try:
-            size = image_file(first).size
-        except MessageError as error:
-            raise InputError(f"{image.name}: {error}") from None
-        if (converted := resized(block, size)) is None:
-            sizes = [f"{width} x {height}" for width, height in (size, (block["width"], block["height"]))]
-            raise InputError(
-                f"--resized: found images of {sizes[0]} pixels, expected the aspect of {sizes[1]}, as K has"
-            )
-        return converted
-
-    def _stated_camera(self) -> dict[str, Any]:
-        """Read the camera from the user's file, or from the first message of its topic."""
-        if self.request.intrinsics is not None:
-            return read_intrinsics(self.request.intrinsics)
-        topic, image = self.topics.camera_info, self.topics.image
-        assert topic is not None
-        first = self.bag.first(topic)
-        if first is None:
-            raise self._refusal(
-                f"{topic.name}: found no whole message, expected the intrinsics, or --intrinsics FILE"
-            )
-        try:
-            self.info = read_camera_info(first)
-        except MessageError as error:
-            raise InputError(f"{topic.name}: {error}") from None
-        if not self.topics.is_beside:
-            self.remarks.append(f"{topic.name} is not next to {image.name}; its intrinsics are used anyway")
-        if topic.span.num_messages <= MAX_LATCHED:
-            for message in self.bag.messages([topic]):
-                check_same(message, self.info, self.bag.start_ns)
-        if self.topics.is_rectified:
-            self.remarks.append(
-                f"{image.name} holds rectified images: P of {topic.name} is used, not K and D"
-            )
-        block = camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
-        full, part = ("{width} x {height}".format(**size) for size in (self.info, block))
-        if full != part:
-            self.remarks.append(
-                f"K of {topic.name}, for {full} pixels, is converted to the {part} of its binning and region of "
-                "interest"
-            )
-        return block
+        return self.bag.refusal(
+            f"{self.bag.paths[0]}: found no usable pair of a sweep and an image: {reason}"
+        )
 
     def _first_frame(self, topic: Topic) -> str:
         """Read the frame of the first message that has one, among the first few."""
-        frames = map(frame_of, islice(self.bag.messages([topic]), MAX_LATCHED))
+        frames = map(frame_of, islice(self.bag.messages([topic]), MAX_WITHOUT_FRAME))
         return next((frame for frame in frames if frame is not None), "")
 
     def _odometry(self, wanted_ns: Sequence[int]) -> Odometry | None:
@@ -381,7 +348,7 @@ class _Import:
 
     def _read_messages(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield sweeps and images; poses and cameras are handled here."""
-        info = None if self.info is None else self.topics.camera_info
+        info = None if self.camera.info is None else self.topics.camera_info
         poses = self._poses_topic
         topics = [topic for topic in (*self.frame_ids, info, poses) if topic is not None]
         if self.video is not None:
@@ -391,7 +358,7 @@ class _Import:
             message = self.video.take(stored) if self.video is not None and is_frame else stored
             needed = self.frame_ids.get(message.topic)
             if message.topic == info:
-                check_same(message, self.info, self.bag.start_ns)
+                check_same(message, self.camera.info, self.bag.start_ns)
             elif self.trajectory is not None and message.topic == poses:
                 self.trajectory.take(message, self.request.by_receipt)
             elif (frame := frame_of(message)) is not None and frame != needed:

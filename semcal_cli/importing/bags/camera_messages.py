@@ -6,9 +6,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError
 from semcal_cli.formats.camera_block import ros_camera
-from semcal_cli.importing.bags.messages import NS, Message, MessageError
+from semcal_cli.importing.bags.messages import Message, MessageError
 
 CameraInfo: TypeAlias = dict[str, Any]
 """Fields of a CameraInfo without its header: K, R and P by rows, where rectified = R * raw; `roi` is a mapping."""

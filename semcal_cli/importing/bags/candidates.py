@@ -11,10 +11,11 @@ from typing import BinaryIO
 
 import numpy as np
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.geometry.arrays import Numbers, Values, Vector
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import thumbnail
-from semcal_cli.importing.bags.messages import NS, Message, MessageError
+from semcal_cli.importing.bags.messages import Message, MessageError
 from semcal_cli.importing.bags.recorded_motion import Trajectory
 from semcal_cli.importing.bags.stamped_pairs import AFTER_NS, Pairing, StampedPair
 from semcal_cli.importing.bags.topics import MAX_FRAMES, BagRequest, Topics

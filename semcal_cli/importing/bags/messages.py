@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from semcal_cli.config.file_limits import MAX_FIELDS, MAX_MESSAGE_TRANSFORMS
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import counted
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -37,7 +38,6 @@ DEFINITIONS = {
 HEADER_BYTES = 16
 """Bytes before the characters of `frame_id`: ROS 1's sequence or ROS 2's encapsulation, stamp and length."""
 MAX_FRAME_ID = 4096
-NS = 1_000_000_000
 
 
 class MessageError(ValueError):

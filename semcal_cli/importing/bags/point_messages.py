@@ -18,17 +18,11 @@ import numpy.typing as npt
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.file_limits import MAX_FIELDS
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
-from semcal_cli.importing.bags.messages import (
-    CLOUD,
-    HEADER_BYTES,
-    NS,
-    VELODYNE,
-    Message,
-    MessageError,
-)
+from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, VELODYNE, Message, MessageError
 from semcal_cli.observations.point_times import length_of_unit
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}

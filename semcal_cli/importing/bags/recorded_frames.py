@@ -10,24 +10,26 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
 
-from semcal_cli.drive.lidar import Spin
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.events import Listener, Progress
 from semcal_cli.formats.camera_block import resized
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
-from semcal_cli.importing.bags.image_messages import Bayer, image_file
-from semcal_cli.importing.bags.messages import NS, Message, MessageError
-from semcal_cli.importing.bags.point_messages import PointTimes, read_sweep
+from semcal_cli.importing.bags.image_messages import image_file
+from semcal_cli.importing.bags.messages import Message, MessageError
+from semcal_cli.importing.bags.point_messages import PointTimes, Sweep, read_sweep
 from semcal_cli.importing.bags.recorded_motion import Trajectory
-from semcal_cli.importing.bags.stamped_pairs import PATIENCE_NS
+from semcal_cli.importing.bags.stamped_pairs import PATIENCE_NS, StampedPair
 from semcal_cli.importing.bags.topics import BagRequest, Topics
 from semcal_cli.importing.recording import SourceFrame
-from semcal_cli.importing.sweep_odometry import SIGMA, seconds_text
+from semcal_cli.importing.stamps import seconds_text
+from semcal_cli.importing.sweep_odometry import SIGMA
 
 MAX_NAME = 100
 """Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
@@ -53,51 +55,122 @@ class WrittenFrame(NamedTuple):
         return [round(moment_s * NS) for moment_s in (points_s if image_s is None else image_s, *ends_s)]
 
 
-def write_frames(
-    chosen: Sequence[SpooledPair],
-    spool: Spool,
-    camera: dict[str, Any],
-    topics: Topics,
-    bayer: Bayer | None,
-    folder: Path,
-    on_event: Listener,
-    left_out: Counter[str],
-    write: Callable[[bytes, Path], None],
-    spin: Spin | None = None,
-) -> list[WrittenFrame]:
-    """Write the files of frames, two at a time, in order of time.
+@dataclass(frozen=True, eq=False)
+class FrameWriter:
+    """Writes the sweeps and images of frames into the folder of a drive."""
 
-    Args:
-        chosen: The pairs.
-        spool: Their messages.
-        camera: The `camera:` block of the drive.
-        topics: The topics that they come from.
-        bayer: Pattern of images that are mosaics; None for those that the messages name.
-        folder: Folder of the drive.
-        on_event: Called with each event.
-        left_out: Counts the pairs that cannot be used, by reason.
-        write: Writes the content of a file to its path.
-        spin: How the LiDAR turns, which gives the times of points that have none.
+    camera: dict[str, Any]
+    """The `camera:` block of the drive."""
+    topics: Topics
+    """The topics that the messages come from."""
+    request: BagRequest
+    """The user's choices."""
+    folder: Path
+    """Folder of the drive."""
+    write: Callable[[bytes, Path], None]
+    """Writes the content of a file to its path."""
+    on_event: Listener
+    """Called with each event."""
 
-    Raises:
-        InputError: a file cannot be written.
-    """
+    @property
+    def image_folder(self) -> Path:
+        """Folder of the images."""
+        return self.folder / "images" / _slug(self.topics.image.name)
 
-    def written_frame(candidate: SpooledPair) -> WrittenFrame | MessageError:
-        try:
-            return _write_frame(candidate, spool, camera, topics, bayer, folder, write, spin)
-        except MessageError as error:
-            return error
+    def write_frames(
+        self, chosen: Sequence[SpooledPair], spool: Spool
+    ) -> tuple[list[WrittenFrame], Counter[str]]:
+        """Write the files of frames, two at a time, in order of time.
 
-    written = []
-    with ThreadPoolExecutor(NUM_WRITERS) as workers:
-        for index, result in enumerate(workers.map(written_frame, chosen)):
-            on_event(Progress("writing frames", index, len(chosen)))
-            if isinstance(result, MessageError):
-                left_out[f"pairs: {result}"] += 1
-            else:
-                written.append(result)
-    return written
+        Args:
+            chosen: The pairs.
+            spool: Their messages.
+
+        Returns:
+            The frames, and the number of pairs that cannot be used, by reason.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+
+        def written_frame(candidate: SpooledPair) -> WrittenFrame | MessageError:
+            try:
+                return self._write_pair(candidate.pair, *spool.get(candidate))
+            except MessageError as error:
+                return error
+
+        written, refusals = [], Counter[str]()
+        with ThreadPoolExecutor(NUM_WRITERS) as workers:
+            for index, result in enumerate(workers.map(written_frame, chosen)):
+                self.on_event(Progress("writing frames", index, len(chosen)))
+                if isinstance(result, MessageError):
+                    refusals[f"pairs: {result}"] += 1
+                else:
+                    written.append(result)
+        return written, refusals
+
+    def with_sweeps_around(
+        self,
+        written: Sequence[WrittenFrame],
+        chosen: Sequence[SpooledPair],
+        read_sweeps: Callable[[int, int], Iterator[Message]],
+    ) -> list[WrittenFrame]:
+        """Write all sweeps within half of `request.around_s` from each frame, and return them and the frames by time.
+
+        Args:
+            written: The frames.
+            chosen: The pairs that the frames were made of, in order of time.
+            read_sweeps: Function that yields the sweeps that were received from a start to before a stop.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+        half_ns = round(0.5 * (self.request.around_s or 0.0) * NS)
+        by_stamp = {round((frame.source.points_stamp or 0.0) * NS): frame for frame in written}
+        middles_ns = np.array([candidate.pair.sweep_ns for candidate in chosen])
+        done_ns, known_ns = 0, {*by_stamp, *middles_ns.tolist()}
+        for index, candidate in enumerate(chosen):
+            self.on_event(Progress("reading the sweeps around frames", index, len(chosen)))
+            received_ns = candidate.pair.sweep.received_ns
+            # Messages of one moment are received at different times, and sweeps need poses before and after them.
+            start_ns = max(received_ns - half_ns - PATIENCE_NS, done_ns)
+            done_ns = max(received_ns + half_ns + PATIENCE_NS, done_ns)
+            for message in read_sweeps(start_ns, done_ns):
+                with suppress(MessageError):
+                    stamp_ns = message.received_ns if self.request.by_receipt else message.header_ns
+                    if stamp_ns in known_ns or np.abs(middles_ns - stamp_ns).min() > half_ns:
+                        continue
+                    sweep = read_sweep(message, stamp_ns, self.request.spin)
+                    by_stamp[stamp_ns] = self._write_sweep(sweep, stamp_ns)
+                    known_ns.add(stamp_ns)
+        return [by_stamp[stamp_ns] for stamp_ns in sorted(by_stamp)]
+
+    def _write_pair(self, pair: StampedPair, sweep_message: Message, image_message: Message) -> WrittenFrame:
+        """Write a sweep and its image, neither of them if one is refused."""
+        sweep = read_sweep(sweep_message, pair.sweep_ns, self.request.spin)
+        file = image_file(image_message, self.request.bayer)
+        self._check_size(file.size)
+        frame = self._write_sweep(sweep, pair.sweep_ns)
+        image = self.image_folder / f"{seconds_text(pair.image_ns)}{file.suffix}"
+        self.write(file.content, image)
+        return frame._replace(source=replace(frame.source, image=image, image_stamp=pair.image_ns / NS))
+
+    def _check_size(self, size: tuple[int, int]) -> None:
+        needed = self.camera["width"], self.camera["height"]
+        if size == needed:
+            return
+        image_size, camera_size = ("{} x {}".format(*sides) for sides in (size, needed))
+        advice = (
+            "" if resized(self.camera, size) is None else "; if the images were resized, --resized converts K"
+        )
+        raise MessageError(
+            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state{advice}"
+        )
+
+    def _write_sweep(self, sweep: Sweep, stamp_ns: int) -> WrittenFrame:
+        path = self.folder / "points" / _slug(self.topics.points.name) / f"{seconds_text(stamp_ns)}.pcd"
+        self.write(sweep.pcd(), path)
+        return WrittenFrame(SourceFrame(path.stem, path, points_stamp=stamp_ns / NS), sweep.times)
 
 
 def write_motion(
@@ -135,98 +208,6 @@ def write_motion(
     if trajectory.source is None:
         block["sigma"] = SIGMA
     return block, covered, f"{remark}; the drive uses it"
-
-
-def _write_frame(
-    candidate: SpooledPair,
-    spool: Spool,
-    camera: dict[str, Any],
-    topics: Topics,
-    bayer: Bayer | None,
-    folder: Path,
-    write: Callable[[bytes, Path], None],
-    spin: Spin | None,
-) -> WrittenFrame:
-    pair = candidate.pair
-    sweep_message, image_message = spool.get(candidate)
-    sweep = read_sweep(sweep_message, pair.sweep_ns, spin)
-    file = image_file(image_message, bayer)
-    needed = camera["width"], camera["height"]
-    if file.size != needed:
-        image_size, camera_size = ("{} x {}".format(*size) for size in (file.size, needed))
-        advice = (
-            "" if resized(camera, file.size) is None else "; if the images were resized, --resized converts K"
-        )
-        raise MessageError(
-            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state{advice}"
-        )
-    points = _sweep_file(folder, topics, pair.sweep_ns)
-    image = image_folder(folder, topics) / f"{seconds_text(pair.image_ns)}{file.suffix}"
-    write(sweep.pcd(), points)
-    write(file.content, image)
-    stamps = pair.sweep_ns / NS, pair.image_ns / NS
-    frame = SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
-    return WrittenFrame(frame, sweep.times)
-
-
-def with_sweeps_around(
-    written: Sequence[WrittenFrame],
-    chosen: Sequence[SpooledPair],
-    request: BagRequest,
-    topics: Topics,
-    read_sweeps: Callable[[int, int], Iterator[Message]],
-    folder: Path,
-    on_event: Listener,
-    write: Callable[[bytes, Path], None],
-) -> list[WrittenFrame]:
-    """Write all sweeps within half of `request.around_s` from each frame, and return them and the frames by time.
-
-    Args:
-        written: The frames.
-        chosen: The pairs that the frames were made of, in order of time.
-        request: The user's choices.
-        topics: The topics that they come from.
-        read_sweeps: Function that yields the sweeps that were received from a start to before a stop.
-        folder: Folder of the drive.
-        on_event: Called with each event.
-        write: Writes the content of a file to its path.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
-    half_ns = round(0.5 * (request.around_s or 0.0) * NS)
-    by_stamp = {round((frame.source.points_stamp or 0.0) * NS): frame for frame in written}
-    middles_ns = np.array([candidate.pair.sweep_ns for candidate in chosen])
-    done_ns, known_ns = 0, {*by_stamp, *middles_ns.tolist()}
-    for index, candidate in enumerate(chosen):
-        on_event(Progress("reading the sweeps around frames", index, len(chosen)))
-        received_ns = candidate.pair.sweep.received_ns
-        # Messages of one moment are received at different times, and sweeps need poses before and after them.
-        start_ns = max(received_ns - half_ns - PATIENCE_NS, done_ns)
-        done_ns = max(received_ns + half_ns + PATIENCE_NS, done_ns)
-        for message in read_sweeps(start_ns, done_ns):
-            with suppress(MessageError):
-                stamp_ns = message.received_ns if request.by_receipt else message.header_ns
-                if stamp_ns in known_ns or np.abs(middles_ns - stamp_ns).min() > half_ns:
-                    continue
-                sweep, points = (
-                    read_sweep(message, stamp_ns, request.spin),
-                    _sweep_file(folder, topics, stamp_ns),
-                )
-                write(sweep.pcd(), points)
-                source = SourceFrame(points.stem, points, points_stamp=stamp_ns / NS)
-                by_stamp[stamp_ns] = WrittenFrame(source, sweep.times)
-                known_ns.add(stamp_ns)
-    return [by_stamp[stamp_ns] for stamp_ns in sorted(by_stamp)]
-
-
-def _sweep_file(folder: Path, topics: Topics, stamp_ns: int) -> Path:
-    return folder / "points" / _slug(topics.points.name) / f"{seconds_text(stamp_ns)}.pcd"
-
-
-def image_folder(folder: Path, topics: Topics) -> Path:
-    """Name the folder of the images in the folder of a drive."""
-    return folder / "images" / _slug(topics.image.name)
 
 
 def _slug(topic: str) -> str:

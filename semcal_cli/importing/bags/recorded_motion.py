@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError, listed
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.messages import (
-    NS,
     ODOMETRY,
     POSE,
     TRANSFORMS,
@@ -32,7 +32,8 @@ from semcal_cli.importing.bags.transforms import (
     pose_of,
     read_transforms,
 )
-from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, are_covered, estimator, tum_text
+from semcal_cli.importing.stamps import MAX_GAP_NS, are_covered, tum_text
+from semcal_cli.importing.sweep_odometry import odometry_remark
 
 NO_MOTION = "none"
 """Value of --motion that asks for no motion."""
@@ -77,7 +78,7 @@ class Trajectory:
     def description(self) -> str:
         """Sentence about the source of the motion."""
         if self.source is None:
-            return f"{estimator()} estimates the motion of the LiDAR from the sweeps"
+            return odometry_remark()
         return f"{self.source.topic.name} states the motion of {self.source.frame!r}"
 
     @property

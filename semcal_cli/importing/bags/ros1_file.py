@@ -24,9 +24,10 @@ from semcal_cli.config.file_limits import (
     MAX_RECORD_HEADER,
     MAX_UNPACKED_BYTES,
 )
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import open_file, size_of
-from semcal_cli.importing.bags.messages import NS, Message, Span, Topic
+from semcal_cli.importing.bags.messages import Message, Span, Topic
 from semcal_cli.importing.bags.unpacking import Meter, unpack
 
 VERSION = b"#ROSBAG V2.0\n"

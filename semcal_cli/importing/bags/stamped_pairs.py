@@ -6,7 +6,8 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from semcal_cli.importing.bags.messages import NS, Message, MessageError, Topic
+from semcal_cli.config.nanoseconds import NS
+from semcal_cli.importing.bags.messages import Message, MessageError, Topic
 from semcal_cli.importing.bags.recorded_motion import Trajectory
 
 MAX_KEPT_BYTES = {True: 1 << 27, False: 1 << 26}

@@ -14,11 +14,12 @@ import cv2
 import numpy as np
 
 from semcal_cli.config.file_limits import MAX_PIXELS_A_BYTE, MAX_VIDEO_PIXELS, MIN_VIDEO_PIXELS
+from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.arrays import Image
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import PNG_SPEED
-from semcal_cli.importing.bags.messages import COMPRESSED, FFMPEG, NS, Message, MessageError, Topic
+from semcal_cli.importing.bags.messages import COMPRESSED, FFMPEG, Message, MessageError, Topic
 
 if TYPE_CHECKING:
     from av import VideoFrame

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator, model_validator
 
-from semcal_cli.drive.document import Color, Ids
+from semcal_cli.drive.class_ids import Color, Ids
 from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import StrictModel, check_distinct, validate

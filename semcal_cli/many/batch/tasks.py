@@ -13,7 +13,8 @@ from pydantic import Field, model_validator
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES
-from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Stamp, drive_file, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, drive_file, read_drive
+from semcal_cli.drive.frames import Stamp
 from semcal_cli.errors import InputError, printable
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder, read_start

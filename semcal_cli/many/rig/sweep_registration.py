@@ -19,7 +19,8 @@ from typing import Annotated, NamedTuple, TypeAlias
 import numpy as np
 from pydantic import Field
 
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import check_installed, counted
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.files.validation import Count, StatedTransform, StrictModel, Width, Widths, length

@@ -10,7 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from semcal_cli.config import StartsConfig
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import counted, describe, listed
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.observations.observations import NO_CLASS, FrameObservation, Observations

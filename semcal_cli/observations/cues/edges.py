@@ -19,7 +19,8 @@ import numpy as np
 from semcal_cli import core
 from semcal_cli.config import ContrastConfig, ExactConfig, StartsConfig
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import CalibrationError, name_in_errors
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.point_clouds import SweepCache

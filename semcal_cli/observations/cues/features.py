@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import CalibrationError, InputError, counted
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.input_files import map_array

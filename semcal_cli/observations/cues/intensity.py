@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.point_clouds import SweepCache

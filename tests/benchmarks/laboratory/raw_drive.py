@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config.file_limits import MAX_TABLE_BYTES
-from semcal_cli.drive.document import DRIVE_FILE, Drive, Frame
+from semcal_cli.drive.document import DRIVE_FILE, Drive
+from semcal_cli.drive.frames import Frame
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import write_image
 from semcal_cli.files.input_files import read_bytes

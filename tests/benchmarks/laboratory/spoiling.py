@@ -14,7 +14,7 @@ from laboratory.raw_drive import Labels, RawDrive, RawFrame, transformed
 
 from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Classes
+from semcal_cli.drive.class_ids import Classes
 from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.arrays import Pose, Vector
 from semcal_cli.geometry.twists import displace, pose_at
