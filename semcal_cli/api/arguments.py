@@ -17,7 +17,7 @@ from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.drive.held_arrays import ArrayInput
 from semcal_cli.errors import CalibrationError, InputError, one_of
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.formats import read_extrinsic
+from semcal_cli.formats import WITHOUT_OPTIONS, read_extrinsic
 from semcal_cli.geometry.poses import as_transform
 from semcal_cli.importing.recognition import recognise
 from semcal_cli.observations.loading import LoadedDrive
@@ -108,7 +108,7 @@ def as_initial_pose(transform: GivenTransform | None) -> InitialPose:
     if isinstance(transform, CalibrationDocument):
         return InitialPose(transform.T_camera_lidar, "calibration", record=transform)
     if isinstance(transform, Path | str):
-        extrinsic = read_extrinsic(transform)
+        extrinsic = read_extrinsic(transform, options=WITHOUT_OPTIONS)
         return InitialPose(
             extrinsic.T_camera_lidar, str(transform), drive_file(Path(transform)), record=extrinsic.record
         )

@@ -72,7 +72,7 @@ def compare(settings: CompareSettings) -> None:
     direction, camera = settings.reference_direction, settings.camera
     tell = partial(click.echo, err=True)
     a, b, *others = extrinsics = [
-        read_reference(path, direction, camera, has_camera_option=True, on_note=tell)
+        read_reference(path, direction, camera, camera_option="--camera", on_note=tell)
         for path in (settings.a, *paths)
     ]
     if camera is not None and not any("camera" in each.asks for each in extrinsics):

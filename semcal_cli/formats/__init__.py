@@ -31,13 +31,10 @@ from semcal_cli.geometry.poses import as_transform
 
 REFERENCE_DIRECTION = "--reference-direction"
 """Option of commands that may read several transforms: it counts for files that do not state their direction."""
+WITHOUT_OPTIONS = FormatOptions(names={})
+"""What callers pass that take no options: messages then name those of `semcal convert`."""
 NUMBERS = re.compile(rb"[-+0-9.eE]*[0-9][-+0-9.eE]*|\s+")
 """Numbers, and the spaces that align them."""
-OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
-
-
-class _UnknownFormatError(InputError):
-    """The content of a file is of no known format."""
 
 
 def read_extrinsic(
@@ -45,8 +42,7 @@ def read_extrinsic(
     name: str | None = None,
     options: FormatOptions | None = None,
     *,
-    direction_option: str | None = None,
-    has_camera_option: bool = False,
+    ignores_unasked: bool = False,
 ) -> Extrinsic:
     """Read the transform of a file of any known format, or of a drive's folder, and what semcal wrote with it.
 
@@ -56,44 +52,28 @@ def read_extrinsic(
         path: The file.
         name: Name of its format; None recognises it by its content.
         options: Options for what the file leaves open.
-        direction_option: Name that messages give to the option for the direction, for commands that have no other
-            option for what a file leaves open.
-        has_camera_option: Whether such a command has an option for the camera as well.
+        ignores_unasked: Whether a direction or a camera counts only for a file that leaves it open, for callers that
+            read several transforms with the same options; otherwise it is refused for other files.
 
     Raises:
         InputError: the content has no known format, has several formats, is wrong, or leaves something open.
     """
-    path = Path(path)
+    path, options = Path(path), options or FormatOptions()
     source = Source.read(drive_file(path))
     try:
-        format = _recognise(source) if name is None else find_format(name)
+        format = _recognise(source, options) if name is None else find_format(name)
         if not format.recognises(source):
             _check_form(source)
-        if direction_option == REFERENCE_DIRECTION and options is not None:
+        if ignores_unasked:
             options = replace(
                 options,
                 direction=options.direction if "direction" in format.asks else None,
                 camera=options.camera if "camera" in format.asks else None,
             )
-        _check_options(format, options or FormatOptions())
-        T_camera_lidar = format.read(source, options or FormatOptions())
+        _check_options(format, options)
+        T_camera_lidar = format.read(source, options)
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply, expected a transform") from None
-    except InputError as error:
-        if options is not None and direction_option is None:
-            raise
-        if isinstance(error, _UnknownFormatError):
-            beginning = str(error).partition(" in a format of --from")[0]
-            raise InputError(f"{beginning} in a format that `semcal convert --formats` lists") from None
-        # Commands that read a transform as one input of several have at most one of these options.
-        before, option, after = str(error).partition("--direction" if direction_option else "\0")
-        names = {found[1] for found in OPTION.finditer(before + after)} - (
-            {"camera"} if has_camera_option else set()
-        )
-        convert = "; `semcal convert` takes this option" if names else ""
-        if "--direction lidar-to-camera" in before:
-            convert = f"; first: `semcal convert {path} --direction lidar-to-camera --to semcal -o T.yaml`"
-        raise type(error)(f"{before}{option and direction_option}{after}{convert}") from None
     return Extrinsic(T_camera_lidar, source, format.asks)
 
 
@@ -102,34 +82,27 @@ def read_reference(
     direction: Direction | None,
     camera: str | None = None,
     *,
-    has_camera_option: bool = False,
+    camera_option: str | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> Extrinsic:
     """Read a transform as `read_extrinsic` does, with options that count only for a file that leaves them open.
 
     Args:
         path: The file.
-        direction: Direction of a matrix.
+        direction: Direction of a matrix, by the option `REFERENCE_DIRECTION`.
         camera: Name of the camera in a file that may hold several.
-        has_camera_option: Whether the user can name it.
+        camera_option: Option by which the user can name it, if there is one.
         on_note: Called with what a reader should know, such as which of several cameras was read.
 
     Raises:
         InputError: see `read_extrinsic`.
     """
-    options = FormatOptions(direction, camera=camera, on_note=on_note)
-    return read_extrinsic(
-        path, None, options, direction_option=REFERENCE_DIRECTION, has_camera_option=has_camera_option
-    )
+    names = {"direction": REFERENCE_DIRECTION} | ({} if camera_option is None else {"camera": camera_option})
+    options = FormatOptions(direction, camera=camera, on_note=on_note, names=names)
+    return read_extrinsic(path, None, options, ignores_unasked=True)
 
 
-def read_transform(
-    path: Path | str,
-    name: str | None = None,
-    options: FormatOptions | None = None,
-    *,
-    direction_option: str | None = None,
-) -> Pose:
+def read_transform(path: Path | str, name: str | None = None, options: FormatOptions | None = None) -> Pose:
     """Read the transform of a file of any known format, or of a drive's folder, as `read_extrinsic` does.
 
     Returns:
@@ -138,10 +111,10 @@ def read_transform(
     Raises:
         InputError: the content has no known format, has several formats, is wrong, or leaves something open.
     """
-    return read_extrinsic(path, name, options, direction_option=direction_option).T_camera_lidar
+    return read_extrinsic(path, name, options).T_camera_lidar
 
 
-def _recognise(source: Source) -> Format:
+def _recognise(source: Source, options: FormatOptions) -> Format:
     # A plugin changes nothing about files that semcal reads itself.
     recognised = [format for format in FORMATS if format.recognises(source)] or [
         format for format in plugin_formats() if format.recognises(source)
@@ -153,10 +126,12 @@ def _recognise(source: Source) -> Format:
         _check_form(source)
     names = ", ".join(format.name for format in candidates or all_formats() if format.has_transform)
     if candidates:
-        raise InputError(f"{source.path}: found content of several formats; add --from with one of: {names}")
-    raise _UnknownFormatError(
-        f"{source.path}: found {_content(source)}, expected a transform in a format of --from: {names}"
-    )
+        needed = f"add {options.option('from')} with one of: {names}{options.hint('from')}"
+        raise InputError(f"{source.path}: found content of several formats; {needed}")
+    # The list is long, and helps only where one of its names can be typed at once.
+    is_typed = options.names.get("from") == "--from"
+    known = f"of --from: {names}" if is_typed else "that `semcal convert --formats` lists"
+    raise InputError(f"{source.path}: found {_content(source)}, expected a transform in a format {known}")
 
 
 def _check_form(source: Source) -> None:
@@ -240,7 +215,7 @@ def convert(
     if source.name == bases.TABLE:
         read_files.append(source.with_name(bases.SENSORS))
     if base is not None:
-        base_link.check_named(find_format(to))
+        base_link.check_named(find_format(to), write_options or FormatOptions())
         read_files.append(base)
     if path is not None and any(is_same_file(path, file) for file in read_files):
         raise InputError(f"{path}: found the input file; choose another name")
@@ -255,9 +230,8 @@ def convert(
             _check_form(content)
         extrinsic, warnings = Extrinsic(np.eye(4), content, ()), []
         if extrinsic.camera is None or from_format not in (None, semcal.FORMAT.name):
-            raise InputError(
-                f"{source}: found no camera, expected a semcal calibration or a drive: --to {to} writes intrinsics"
-            )
+            needed = f"a semcal calibration or a drive: {written.option('to')} {to} writes intrinsics"
+            raise InputError(f"{source}: found no camera, expected {needed}")
     written = replace(
         written,
         intrinsics=extrinsic.camera,
@@ -280,8 +254,7 @@ def convert(
 
 def _read_base(path: Path, direction: BaseDirection | None, name: str | None, written: FormatOptions) -> Base:
     """Read the pose of the LiDAR of a transform on its vehicle."""
-    recorded = None if written.frame_ids is None else written.frame_ids.lidar
-    return base_link.read_base(path, direction=direction, name=name, lidar=written.lidar, recorded=recorded)
+    return base_link.read_base(path, direction=direction, name=name, written=written)
 
 
 def _notes_of_base(T_camera_lidar: Pose, written: FormatOptions) -> list[str]:
@@ -358,18 +331,17 @@ def set_in_file(
 
 def _check_options(format: Format, options: FormatOptions) -> None:
     """Refuse options that the format does not use."""
-    values, prefix = vars(options), options.prefix
+    values = vars(options)
     for name in ("camera", "lidar"):
         if values[name] == "":
-            raise InputError(f"{prefix}{name}: found nothing, expected a name")
+            raise InputError(f"{options.option(name)}: found nothing, expected a name")
     if options.camera is not None and options.camera == options.lidar:
-        raise InputError(
-            f"{prefix}camera, {prefix}lidar: found {options.camera!r} for both, expected two names"
-        )
+        names = f"{options.option('camera')}, {options.option('lidar')}"
+        raise InputError(f"{names}: found {options.camera!r} for both, expected two names")
     for name in ("direction", "frame", "camera", "lidar"):
         is_known = format is semcal.FORMAT and values[name] == "lidar-to-camera"  # what the file says, too
         if values[name] is not None and name not in format.asks and not is_known:
             raise InputError(
-                f"{prefix}{name}: found {values[name]!r}, but {format.name} files state it themselves or have none; "
-                "leave it out"
+                f"{options.option(name)}: found {values[name]!r}, but {format.name} files state it themselves or have "
+                "none; leave it out"
             )
