@@ -25,7 +25,7 @@ from semcal_cli.result.calibration_document import CalibrationDocument
 
 Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
-Data: TypeAlias = LoadedDrive | Drive | Path | str
+DriveInput: TypeAlias = LoadedDrive | Drive | Path | str
 """A drive, its folder, its drive.yaml, or a drive loaded by `load`."""
 GivenTransform: TypeAlias = InitialPose | CalibrationDocument | Path | str | npt.ArrayLike
 """T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any known format."""
@@ -68,7 +68,7 @@ def in_terms_of_arguments(call: Callable[Given, Returned]) -> Callable[Given, Re
     return worded
 
 
-def as_data(drive: Data | None, arrays: ArrayInput) -> Data:
+def as_drive_input(drive: DriveInput | None, arrays: ArrayInput) -> DriveInput:
     """Return the drive, or make one from arrays.
 
     Raises:

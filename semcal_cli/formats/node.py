@@ -199,7 +199,7 @@ def pick(
     )
 
 
-def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
+def checked_camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
     """Check the camera block of a drive that was made from a file.
 
     Args:
