@@ -221,8 +221,8 @@ def test_the_reference_has_every_public_name_with_its_docstring(site: Path) -> N
     assert {name for name, each in public.items() if id(each) not in shown} == set()
     text = " ".join(html.unescape(re.sub(r"<[^>]+>", "", page)).split())
     assert (
-        "verify( drive: Data | None = None, transform: GivenTransform | None = None, limits: Limits | None = None,"
-        in text
+        "verify( drive: DriveInput | None = None, transform: GivenTransform | None = None, "
+        "limits: Limits | None = None," in text
     )
     for name, each in public.items():
         assert inspect.getdoc(each).splitlines()[0].replace("`", "") in text, name

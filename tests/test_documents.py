@@ -58,7 +58,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "semcal_rig_calibration-1/camera_1.yaml": read_calibration,
     "semcal_fleet-1/fleet.yaml": read_transform,
     "semcal_transform-1/transform.yaml": read_transform,
-    "semcal_base-1/base.yaml": partial(read_base, direction=None, name=None, lidar=None, recorded=None),
+    "semcal_base-1/base.yaml": partial(read_base, direction=None, name=None, written=FormatOptions()),
     "semcal_image_model-1/card.yaml": read_card,
     "semcal_point_model-1/card.yaml": read_card,
 }

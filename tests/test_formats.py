@@ -81,6 +81,37 @@ def test_unknown_content(path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("names", "direction", "camera"),
+    [
+        (None, "add direction {choice}", "add camera to name one of them"),
+        (
+            {"direction": "--init-direction", "camera": "--eye"},
+            "add --init-direction {choice}",
+            "add --eye to name ",
+        ),
+        (
+            {},
+            "add --direction {choice}; first: `semcal convert {path} --direction lidar-to-camera --to semcal "
+            "-o T.yaml`",
+            "add --camera to name one of them; `semcal convert` takes this option",
+        ),
+    ],
+    ids=["a program", "a command with both options", "a caller without options"],
+)
+def test_a_message_names_the_options_that_the_caller_has(
+    names: dict[str, str] | None, direction: str, camera: str, path: Path
+) -> None:
+    options = FormatOptions() if names is None else FormatOptions(names=names)
+    path.write_text("1 0 0 0 0 1 0 0 0 0 1 0")
+    choice = "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
+    with pytest.raises(InputError, match=f"; {re.escape(direction.format(choice=choice, path=path))}$"):
+        read_transform(path, "text", options)
+    path.write_text(yaml.dump({f"cam{number}": {"T_cam_lidar": T_ANY.tolist()} for number in range(2)}))
+    with pytest.raises(InputError, match=f"; {re.escape(camera)}"):
+        read_transform(path, "kalibr", options)
+
+
 garbage = documents.map(yaml.dump).map(str.encode) | documents.map(json.dumps).map(str.encode) | st.binary()
 
 
@@ -212,8 +243,8 @@ def test_a_bare_matrix_under_its_name_is_a_transform(suffix: str, tmp_path: Path
         (("ExtrinsicMat",), None, None),
         (("P1", "ExtrinsicMat"), None, None),
         (("left", "ExtrinsicMat"), "ExtrinsicMat", None),
-        (("left", "ExtrinsicMat"), None, "found matrices left, ExtrinsicMat; add --camera to name one"),
-        (("left",), "right", "found matrices left; add --camera to name one"),
+        (("left", "ExtrinsicMat"), None, "found matrices left, ExtrinsicMat; add camera to name one"),
+        (("left",), "right", "found matrices left; add camera to name one"),
         ((), None, "found keys rows, expected a 4 x 4 or 3 x 4 matrix, such as CameraExtrinsicMat"),
     ],
 )

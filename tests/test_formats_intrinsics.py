@@ -86,14 +86,14 @@ def test_a_lens_comes_back_with_the_same_numbers_or_is_left_out(name: str, kind:
     lens, path = CAMERAS[kind], tmp_path / "camera.yaml"
     if lens.model not in LENSES[name]:
         needed = ", ".join(LENSES[name])
-        without(path, name, lens, f"--to {name}: found the lens {lens.model}, expected one of: {needed}")
+        without(path, name, lens, f"to {name}: found the lens {lens.model}, expected one of: {needed}")
         return
     if (name, kind) == ("kalibr", "plumb_bob, 5"):
         of_kalibr = "needed 0: Kalibr's radtan has k1, k2, p1 and p2"
-        without(path, name, lens, f"--to kalibr: found the lens plumb_bob with k3 0.3, {of_kalibr}")
+        without(path, name, lens, f"to kalibr: found the lens plumb_bob with k3 0.3, {of_kalibr}")
         return
     if (name, kind) == ("kalibr", "plumb_bob, skew"):
-        why = "--to kalibr: found a K with skew 0.117, needed 0: the format has fx, fy, cx and cy"
+        why = "to kalibr: found a K with skew 0.117, needed 0: the format has fx, fy, cx and cy"
         without(path, name, lens, why)
         return
     write(path, name, lens)
@@ -198,7 +198,7 @@ def test_a_bare_transform_is_written_alone(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         write_transform(T_ANY, None, "camera-info")
     assert str(error.value) == (
-        "--to camera-info: found no camera, expected IN to be a semcal calibration or a drive"
+        "to camera-info: found no camera, expected IN to be a semcal calibration or a drive"
     )
 
 

@@ -80,7 +80,7 @@ def test_what_may_be_another_camera_s_is_not_written_as_camera_0_s(tmp_path: Pat
     write_transform(T_ANY, tmp_path / "T.yaml", "semcal")
     for name in OF_CAMERA_0:
         for camera in (None, "P2"):
-            with pytest.raises(InputError, match=f"--to {name}: (found .*; )?add --to-camera P0, if "):
+            with pytest.raises(InputError, match=f"to {name}: (found .*; )?add camera P0, if "):
                 find_format(name).write(T_ANY, FormatOptions(camera=camera))
     for name in ("kitti-raw", "kitti-360"):
         done = invoke("convert", tmp_path / "T.yaml", "--to", name)
@@ -94,7 +94,7 @@ def test_what_may_be_another_camera_s_is_not_written_as_camera_0_s(tmp_path: Pat
 def test_what_is_relative_to_something_else_is_only_read(name: str, relative_to: str) -> None:
     with pytest.raises(
         InputError,
-        match=f"--to {name}: poses are relative to the {relative_to}; (add --base .*, or )?choose another format: ",
+        match=f"to {name}: poses are relative to the {relative_to}; (add base .*, or )?choose another format: ",
     ):
         find_format(name).write(T_ANY, FormatOptions())
 

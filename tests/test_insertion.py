@@ -452,6 +452,6 @@ def test_a_direction_that_a_format_states_itself_is_refused(tmp_path: Path) -> N
     target = tmp_path / "calib.txt"
     write_transform(np.eye(4), target, "opencalib")
     with pytest.raises(
-        InputError, match="--to-direction: found 'camera-to-lidar', but opencalib files state it"
+        InputError, match=r"^direction: found 'camera-to-lidar', but opencalib files state it"
     ):
         set_in_file(tmp_path / "T.yaml", target, write_options=FormatOptions(direction="camera-to-lidar"))

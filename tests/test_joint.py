@@ -13,7 +13,7 @@ from semcal_cli.config import AdjustmentConfig, CalibrationConfig, PolishConfig,
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_names, intrinsic_value, with_intrinsics
 from semcal_cli.errors import InputError
-from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
+from semcal_cli.estimation.adjust.joint import JointEstimate, fit_jointly
 from semcal_cli.estimation.adjust.joint_fit import MIN_EVIDENCE, Problem, Variables
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.covariance import with_others
@@ -63,7 +63,7 @@ def moving(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
 
 
 @pytest.fixture(scope="module")
-def late(moving: LoadedDrive) -> Joint:
+def late(moving: LoadedDrive) -> JointEstimate:
     """What is found where images are 20 ms late, of the clock alone."""
     seen, truth = delayed(moving.observations, -0.02), np.array(moving.drive.T_camera_lidar)
     return fit_jointly(seen, truth, AdjustmentConfig(with_delay=True), PolishConfig())
@@ -75,7 +75,7 @@ def spoiled(camera: Camera, share: float, pixels: float) -> Camera:
     return with_intrinsics(camera, changed)
 
 
-def estimate(observations: Observations, T: Pose, names: tuple[str, ...] = K_NAMES) -> Joint:
+def estimate(observations: Observations, T: Pose, names: tuple[str, ...] = K_NAMES) -> JointEstimate:
     return fit_jointly(observations, T, AdjustmentConfig(names), PolishConfig())
 
 
@@ -135,7 +135,7 @@ def test_coarse_blocks_that_lead_away_are_not_followed(
 
 
 @pytest.mark.parametrize("late_s", [0.02, -0.05])
-def test_late_images_are_found(moving: LoadedDrive, late: Joint, late_s: float) -> None:
+def test_late_images_are_found(moving: LoadedDrive, late: JointEstimate, late_s: float) -> None:
     found = late
     if late_s < 0.0:
         seen, truth = delayed(moving.observations, -late_s), np.array(moving.drive.T_camera_lidar)
@@ -148,7 +148,7 @@ def test_late_images_are_found(moving: LoadedDrive, late: Joint, late_s: float) 
 
 @pytest.mark.parametrize("names", [(), ("fx", "fy")])
 def test_a_clock_tells_how_it_goes_with_the_pose(
-    moving: LoadedDrive, late: Joint, names: tuple[str, ...]
+    moving: LoadedDrive, late: JointEstimate, names: tuple[str, ...]
 ) -> None:
     """Also where nothing but the clock is estimated; its row is the last one, in seconds."""
     found = late
@@ -168,7 +168,7 @@ def test_a_clock_tells_how_it_goes_with_the_pose(
         assert np.array_equal(covariance, of_all[np.ix_(places, places)])
 
 
-def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive, late: Joint) -> None:
+def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive, late: JointEstimate) -> None:
     seen, truth = delayed(moving.observations, -0.02), np.array(moving.drive.T_camera_lidar)
     added = fit_jointly(seen, truth, AdjustmentConfig(with_delay=True), PolishConfig(), 0.3).clock
     assert late.clock is not None

@@ -34,17 +34,17 @@ def test_sensors_are_told_by_words(told: tuple[bool, bool]) -> None:
 
 @pytest.mark.parametrize("name", NAMES[True, True].split())
 def test_a_camera_beside_a_lidar_is_ambiguous(name: str) -> None:
-    with pytest.raises(InputError, match=f"found frames velodyne, {name}; add --camera to name"):
+    with pytest.raises(InputError, match=f"found frames velodyne, {name}; add camera to name"):
         from_frames("a", T_ANY, "velodyne", name, FormatOptions(frame="optical"))
     from_frames("a", T_ANY, "velodyne", name, FormatOptions(frame="optical", camera=name))
-    with pytest.raises(InputError, match=f"found frames cam0, {name}; add --lidar to name the LiDAR's own"):
+    with pytest.raises(InputError, match=f"found frames cam0, {name}; add lidar to name the LiDAR's own"):
         from_frames("a", T_ANY, "cam0", name, FormatOptions(frame="optical", camera="cam0"))
     from_frames("a", T_ANY, "cam0", name, FormatOptions(frame="optical", lidar=name))
 
 
 def test_a_camera_whose_name_holds_a_lidars_letters_is_told() -> None:
     from_frames("a", T_ANY, "pos_camera_optical", "velodyne", FormatOptions())
-    with pytest.raises(InputError, match="found frames gnss_pos, cam_optical; add --lidar to name"):
+    with pytest.raises(InputError, match="found frames gnss_pos, cam_optical; add lidar to name"):
         from_frames("a", T_ANY, "gnss_pos", "cam_optical", FormatOptions())
 
 

@@ -25,7 +25,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.importing import read_dataset, recording
-from semcal_cli.importing.choice import Options
+from semcal_cli.importing.choice import FrameChoice
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.observations.cues.cue_table import cues_of_options, load_cues
 from semcal_cli.plugins import PluginError, Plugins, PluginWarning
@@ -363,7 +363,7 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
             points=replace(points, cloud=lambda: recording.Cloud(np.ones((2, 4)), None)),
         )
         with pytest.raises(InputError, match=re.escape(said)):
-            write_drive(recording.Recording(camera, [good, frame]), Options(), tmp_path / "a/b/drive")
+            write_drive(recording.Recording(camera, [good, frame]), FrameChoice(), tmp_path / "a/b/drive")
     assert not (tmp_path / "a").exists()
 
 

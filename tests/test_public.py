@@ -35,8 +35,8 @@ def test_the_list_has_what_the_package_names() -> None:
         *(name for name in list(inspect.signature(semcal_cli.calibrate).parameters)[2:-1]),
         "**arrays",
     ]
-    assert "    drive: Data | None = None\n" in calibrate
-    assert "semcal_cli.api.arguments.Data\n    TypeAlias = LoadedDrive | Drive | Path | str\n" in stored
+    assert "    drive: DriveInput | None = None\n" in calibrate
+    assert "semcal_cli.api.arguments.DriveInput\n    TypeAlias = LoadedDrive | Drive | Path | str\n" in stored
     assert "    translation_m: float = 0.05\n" in stored  # the default of a setting alone
 
 

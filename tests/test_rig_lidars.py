@@ -48,7 +48,7 @@ from semcal_cli.many.rig.sweep_registration import (
     SweepPairs,
     read_sweep_pairs,
     register_sweeps,
-    robust_mean,
+    robust_mean_of_vectors,
     stiffness,
 )
 from semcal_cli.many.rig.ties import Tie, relying_on, unconfirmed
@@ -814,7 +814,7 @@ def test_only_sweeps_of_one_moment_are_pairs(
 def test_the_robust_mean_ignores_what_is_far_off(rng: np.random.Generator) -> None:
     values = rng.standard_normal((40, 6))
     values[:4] += 50.0
-    mean, _ = robust_mean(values)
+    mean, _ = robust_mean_of_vectors(values)
     assert np.abs(mean - values[4:].mean(axis=0)).max() < 0.2
 
 
@@ -823,7 +823,7 @@ def test_intervals_of_the_robust_mean_hold_it(num: int) -> None:
     rng, quantile = np.random.default_rng(num), core.student_quantile(0.975, num - 2)
     held, squares, stated = [], [], []
     for _ in range(400):
-        mean, errors_of_mean = robust_mean(rng.standard_normal((num, 6)))
+        mean, errors_of_mean = robust_mean_of_vectors(rng.standard_normal((num, 6)))
         held.append(np.abs(mean) <= quantile * errors_of_mean)
         squares.append(mean**2)
         stated.append(errors_of_mean**2)

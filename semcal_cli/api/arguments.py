@@ -17,7 +17,7 @@ from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.drive.held_arrays import ArrayInput
 from semcal_cli.errors import CalibrationError, InputError, one_of
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.formats import read_extrinsic
+from semcal_cli.formats import WITHOUT_OPTIONS, read_extrinsic
 from semcal_cli.geometry.poses import as_transform
 from semcal_cli.importing.recognition import recognise
 from semcal_cli.observations.loading import LoadedDrive
@@ -25,7 +25,7 @@ from semcal_cli.result.calibration_document import CalibrationDocument
 
 Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
-Data: TypeAlias = LoadedDrive | Drive | Path | str
+DriveInput: TypeAlias = LoadedDrive | Drive | Path | str
 """A drive, its folder, its drive.yaml, or a drive loaded by `load`."""
 GivenTransform: TypeAlias = InitialPose | CalibrationDocument | Path | str | npt.ArrayLike
 """T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any known format."""
@@ -68,7 +68,7 @@ def in_terms_of_arguments(call: Callable[Given, Returned]) -> Callable[Given, Re
     return worded
 
 
-def as_data(drive: Data | None, arrays: ArrayInput) -> Data:
+def as_drive_input(drive: DriveInput | None, arrays: ArrayInput) -> DriveInput:
     """Return the drive, or make one from arrays.
 
     Raises:
@@ -108,7 +108,7 @@ def as_initial_pose(transform: GivenTransform | None) -> InitialPose:
     if isinstance(transform, CalibrationDocument):
         return InitialPose(transform.T_camera_lidar, "calibration", record=transform)
     if isinstance(transform, Path | str):
-        extrinsic = read_extrinsic(transform)
+        extrinsic = read_extrinsic(transform, options=WITHOUT_OPTIONS)
         return InitialPose(
             extrinsic.T_camera_lidar, str(transform), drive_file(Path(transform)), record=extrinsic.record
         )

@@ -10,9 +10,9 @@ from typing_extensions import Unpack
 from semcal_cli import pipeline
 from semcal_cli.api.arguments import (
     Cues,
-    Data,
+    DriveInput,
     GivenTransform,
-    as_data,
+    as_drive_input,
     as_initial_pose,
     in_terms_of_arguments,
     with_cue,
@@ -33,7 +33,7 @@ from semcal_cli.result.provenance import with_provenance
 
 @in_terms_of_arguments
 def calibrate(
-    drive: Data | None = None,
+    drive: DriveInput | None = None,
     config: CalibrationConfig | None = None,
     *,
     cue: Cues | None = None,
@@ -66,7 +66,7 @@ def calibrate(
         InputError: the drive, one of its files or an argument is missing or wrong.
         CalibrationError: the data give no answer.
     """
-    given, config = as_data(drive, arrays), with_cue(config, cue)
+    given, config = as_drive_input(drive, arrays), with_cue(config, cue)
     start = None if initial_pose is None else as_initial_pose(initial_pose)
     data = load(given, config, on_event or ignore)
     try:
@@ -89,7 +89,7 @@ def calibrate(
 
 @in_terms_of_arguments
 def refine(
-    drive: Data | None = None,
+    drive: DriveInput | None = None,
     transform: GivenTransform | None = None,
     config: CalibrationConfig | None = None,
     *,
@@ -119,7 +119,7 @@ def refine(
         CalibrationError: the data give no answer.
     """
     config, start = with_cue(config, cue), as_initial_pose(transform)
-    data = load(as_data(drive, arrays), config, on_event or ignore)
+    data = load(as_drive_input(drive, arrays), config, on_event or ignore)
     calibration = refine_given(data, start, config, priors, on_event or ignore)
     return Calibration.of(
         with_provenance(calibration, data, start=start.source, relative_to=Path(relative_to)), data.drive
@@ -128,7 +128,7 @@ def refine(
 
 @in_terms_of_arguments
 def assess(
-    drive: Data | None = None,
+    drive: DriveInput | None = None,
     transform: GivenTransform | None = None,
     config: CalibrationConfig | None = None,
     *,
@@ -157,7 +157,7 @@ def assess(
         CalibrationError: the data give no answer.
     """
     config, given = with_cue(config, cue), as_initial_pose(transform)
-    data = load(as_data(drive, arrays), config, on_event or ignore)
+    data = load(as_drive_input(drive, arrays), config, on_event or ignore)
     calibration = assess_given(data, given, config, on_event or ignore)
     return Calibration.of(
         with_provenance(calibration, data, start=given.source, relative_to=Path(relative_to)), data.drive
@@ -166,7 +166,7 @@ def assess(
 
 @in_terms_of_arguments
 def verify(
-    drive: Data | None = None,
+    drive: DriveInput | None = None,
     transform: GivenTransform | None = None,
     limits: Limits | None = None,
     config: CalibrationConfig | None = None,
@@ -197,7 +197,7 @@ def verify(
             limited without a direction of motion.
         CalibrationError: the data cannot be calibrated at all.
     """
-    data, stated, config = as_data(drive, arrays), as_initial_pose(transform), with_cue(config, cue)
+    data, stated, config = as_drive_input(drive, arrays), as_initial_pose(transform), with_cue(config, cue)
     limits = Limits() if limits is None else limits
     # Limits are checked before the long work.
     check_limits(limits)

@@ -99,7 +99,9 @@ def _read_transforms(settings: CompareSettings) -> list[Extrinsic]:
     camera = settings.camera
     print_note = partial(click.echo, err=True)
     extrinsics = [
-        read_reference(path, settings.reference_direction, camera, has_camera_option=True, on_note=print_note)
+        read_reference(
+            path, settings.reference_direction, camera, camera_option="--camera", on_note=print_note
+        )
         for path in (settings.a, settings.b, *settings.others)
     ]
     if camera is not None and not any("camera" in extrinsic.asks for extrinsic in extrinsics):

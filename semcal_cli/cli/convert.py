@@ -26,6 +26,11 @@ FRAME = (
 )
 DIRECTION = "Direction of a bare matrix in {}: p_camera = T p_lidar, or p_lidar = T p_camera."
 WRITTEN = "the output"
+OPTIONS_OF_IN = {name: f"--{name}" for name in ("from", "direction", "frame", "camera", "lidar", "repair")}
+OPTIONS_OF_OUTPUT = {name: f"--to-{name}" for name in ("direction", "frame", "camera", "lidar")} | {
+    "repair": "--repair"
+}
+"""What messages call the options for what the input and the output leave open."""
 NAME_WIDTH = 22
 """Columns of the names in the list of formats."""
 
@@ -75,7 +80,14 @@ class WrittenSettings:
         """Make the options of the written format; `about` holds the others."""
         from semcal_cli.formats.format import FormatOptions
 
-        return FormatOptions(self.to_direction, self.to_frame, self.to_camera, self.to_lidar, **about)
+        return FormatOptions(
+            self.to_direction,
+            self.to_frame,
+            self.to_camera,
+            self.to_lidar,
+            names=OPTIONS_OF_OUTPUT,
+            **about,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +144,13 @@ class ConvertSettings(WrittenSettings):
         on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if self.repair else None
         on_note = partial(click.echo, err=True)
         return FormatOptions(
-            self.direction, self.frame, self.camera, self.lidar, on_repair=on_repair, on_note=on_note
+            self.direction,
+            self.frame,
+            self.camera,
+            self.lidar,
+            on_repair=on_repair,
+            on_note=on_note,
+            names=OPTIONS_OF_IN,
         )
 
 

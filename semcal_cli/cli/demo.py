@@ -101,11 +101,11 @@ def _make(settings: DemoSettings, drive: Path) -> str:
         synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=settings.seed), drive, force=True)
         return f"made {NUM_FRAMES} frames of a synthetic street in {drive}"
     from semcal_cli.importing import read_dataset
-    from semcal_cli.importing.choice import Options
+    from semcal_cli.importing.choice import FrameChoice
     from semcal_cli.importing.drive_folder import write_drive
 
     name, request = _find_sequence(settings.real)
-    options = Options(max_frames=NUM_REAL_FRAMES)
+    options = FrameChoice(max_frames=NUM_REAL_FRAMES)
     written = write_drive(read_dataset(name, request), options, drive, force=True)
     return f"imported {written.num_frames} frames of {name} from {settings.real} into {drive}"
 

@@ -166,12 +166,12 @@ def table(settings: TableSettings) -> None:
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.experiments.experiment_run import prepare_folder
     from semcal_cli.experiments.table import FILES, compare, write_table
-    from semcal_cli.formats import read_transform
+    from semcal_cli.formats import WITHOUT_OPTIONS, read_transform
     from semcal_cli.observations.loading import load
 
     check_torch("semcal experiment table")
     spec = read_drive(settings.drive, settings.max_points)
-    T_reference = read_transform(settings.reference or settings.drive)
+    T_reference = read_transform(settings.reference or settings.drive, options=WITHOUT_OPTIONS)
     initial_pose = None if settings.init is None else read_initial_pose(settings.init)
     if initial_pose is not None:
         initial_pose.check_distance(MAX_BASELINE_M)

@@ -73,7 +73,7 @@ def fleet(settings: FleetSettings) -> None:
     from semcal_cli.files.input_files import is_folder
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.fleet_drives import read_fleet_drives
-    from semcal_cli.formats import read_transform
+    from semcal_cli.formats import WITHOUT_OPTIONS, read_transform
     from semcal_cli.formats.format import MAX_YAML_BYTES
     from semcal_cli.many.batch.records import JSONL
 
@@ -86,7 +86,7 @@ def fleet(settings: FleetSettings) -> None:
         check_outputs(read, output, page, plot, junit)
         form = ("json" if settings.as_json else "yaml") if output is None else output_format(output)
         settings.check_suffixes()
-        T_reference = None if reference is None else read_transform(reference)
+        T_reference = None if reference is None else read_transform(reference, options=WITHOUT_OPTIONS)
         limits = Limits(settings.max_rotation_deg, settings.max_translation_m)
         combined = combine_drives(read_fleet_drives(results), limits, T_reference)
     report = CiReport(

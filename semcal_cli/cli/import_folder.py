@@ -136,17 +136,17 @@ def _pattern_of(files: list[str]) -> str:
 )
 def folder(settings: FolderSettings) -> None:
     """Make a drive from your own files."""
-    from semcal_cli.importing.folder import Folder, read
+    from semcal_cli.importing.folder import FilePatterns, read
 
     # The labels are found by their patterns, and are part of the recording.
     labels: dict[str, Any] = {"image_labels": None, "point_labels": None}
     if settings.accumulate is None:
-        settings.write(read(made_of(Folder, settings)), **labels)
+        settings.write(read(made_of(FilePatterns, settings)), **labels)
         return
     from semcal_cli.drive.document import read_drive
     from semcal_cli.importing.accumulated_drive import check_accumulated
 
-    recording = read(made_of(Folder, settings, keeps_all=True))
+    recording = read(made_of(FilePatterns, settings, keeps_all=True))
     sweeps = sweeps_drive(settings.output)
     tables = [Path(name) for name in (settings.image_classes, settings.point_classes) if name is not None]
     images = [frame.image or frame.image_labels for frame in recording.frames]

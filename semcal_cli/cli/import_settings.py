@@ -72,10 +72,10 @@ class ImportSettings(QuietSettings):
         """
         if self.odometry:
             check_installed("--odometry", "kiss_icp", "odometry")
-        from semcal_cli.importing.choice import Options
+        from semcal_cli.importing.choice import FrameChoice
         from semcal_cli.importing.drive_folder import write_drive
 
-        options = made_of(Options, self, frames=self.frames or slice(None), **others)
+        options = made_of(FrameChoice, self, frames=self.frames or slice(None), **others)
         written = write_drive(recording, options, sweeps or self.output, force=self.force)
         if not self.quiet:
             copies = f", {counted(written.num_converted, 'cloud')} converted" if written.num_converted else ""

@@ -59,6 +59,7 @@ def read_initial_pose(
     *,
     direction_option: str | None = None,
     drive: Path | None = None,
+    ignores_unasked: bool = False,
 ) -> InitialPose:
     """Read the transform to start from, or to verify.
 
@@ -67,6 +68,8 @@ def read_initial_pose(
         direction: Direction of a matrix whose file does not state it; None if it is not given.
         direction_option: Name of the command's option for the direction; None if it has none.
         drive: The drive, whose `frame_ids` name the frames of a file with several cameras or LiDARs.
+        ignores_unasked: Whether the direction counts only for a file that does not state it; otherwise it is refused
+            for other files.
 
     Raises:
         InputError: the file is not a transform, is ambiguous, or is standard input.
@@ -83,8 +86,9 @@ def read_initial_pose(
     frame_ids = None
     with suppress(InputError):  # What is no drive, or a wrong one, is told where it is used.
         frame_ids = None if drive is None else read_drive(drive).frame_ids
-    options = None if direction_option is None else FormatOptions(direction, frame_ids=frame_ids)
-    extrinsic = read_extrinsic(path, None, options, direction_option=direction_option)
+    names = {} if direction_option is None else {"direction": direction_option}
+    options = FormatOptions(direction, frame_ids=frame_ids, names=names)
+    extrinsic = read_extrinsic(path, None, options, ignores_unasked=ignores_unasked)
     return InitialPose(
         extrinsic.T_camera_lidar,
         name=str(path),

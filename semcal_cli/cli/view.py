@@ -62,7 +62,7 @@ def view(settings: ViewSettings) -> None:
     start = None
     if calibration is not None:
         direction, name = settings.reference_direction, REFERENCE_DIRECTION
-        start = read_initial_pose(calibration, direction, direction_option=name)
+        start = read_initial_pose(calibration, direction, direction_option=name, ignores_unasked=True)
     drive = settings.read_drive()
     applied = apply_result(None if start is None else start.record, drive, str(calibration))
     if output is not None:

@@ -262,7 +262,7 @@ def intrinsic_names(model: CameraModel) -> tuple[str, ...]:
     return (*K_ENTRIES, *CAMERA_MODELS[model].coefficients, *CAMERA_MODELS[model].parameters)
 
 
-def check_intrinsics(names: tuple[str, ...], camera: Camera, where: str) -> None:
+def check_intrinsic_names(names: tuple[str, ...], camera: Camera, where: str) -> None:
     """Check that a camera has intrinsics with these names.
 
     Raises:

@@ -48,8 +48,16 @@ class StrictModel(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def validate(model: type[Model], document: object, path: Path) -> Model:
+def validate(
+    model: type[Model], document: object, path: Path | str, names: Mapping[str, str] | None = None
+) -> Model:
     """Check a document that was read from `path`.
+
+    Args:
+        model: What the document must be.
+        document: The document.
+        path: Its file.
+        names: What the file itself calls keys of the document, where that differs, for messages.
 
     Raises:
         InputError: the document is wrong; the message is `FILE: KEY: found X, expected Y`.
@@ -57,13 +65,13 @@ def validate(model: type[Model], document: object, path: Path) -> Model:
     try:
         return model.model_validate(document)
     except ValidationError as error:
-        raise input_error(error, str(path)) from None
+        raise input_error(error, str(path), names) from None
 
 
-def input_error(error: ValidationError, where: str) -> InputError:
-    """Make one line of the first problem that pydantic found in `where`, a file or a class."""
+def input_error(error: ValidationError, where: str, names: Mapping[str, str] | None = None) -> InputError:
+    """Make one line of the first problem that pydantic found in `where`, a file or a class, by its names of keys."""
     first = error.errors()[0]
-    return InputError(": ".join(filter(None, (where, _key(first), _complaint(first)))))
+    return InputError(": ".join(filter(None, (where, _key(first, names or {}), _complaint(first)))))
 
 
 def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
@@ -179,10 +187,12 @@ def _complaint(error: ErrorDetails) -> str:
     return str(mismatch(description, _NEEDED.get(error["type"], error["msg"]).format(**context)))
 
 
-def _key(error: ErrorDetails) -> str:
+def _key(error: ErrorDetails, names: Mapping[str, str]) -> str:
     # pydantic marks an error in a key, and one in a form of a value, this way.
     parts = [part for part in error["loc"] if not str(part).startswith("[")]
-    return "".join(key_part(part) for part in parts).removeprefix(".")
+    first, *others = [key_part(part) for part in parts] or [""]
+    key = first.removeprefix(".")
+    return "".join([names.get(key, key), *others])
 
 
 def key_part(part: int | str) -> str:

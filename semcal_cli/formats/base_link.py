@@ -92,7 +92,7 @@ class BaseDocument(StrictModel):
 
 
 def read_base(
-    path: Path, *, direction: BaseDirection | None, name: str | None, lidar: str | None, recorded: str | None
+    path: Path, *, direction: BaseDirection | None, name: str | None, written: FormatOptions
 ) -> Base:
     """Read the pose of a LiDAR on its vehicle.
 
@@ -100,21 +100,21 @@ def read_base(
         path: Result of `semcal base`, or a file of a format of `KNOWN`.
         direction: Direction of a matrix whose file does not state it.
         name: Name of the vehicle's frame that the user gives.
-        lidar: Name of the LiDAR's frame that the user gives.
-        recorded: Name of the LiDAR's frame in the recording.
+        written: Options of the transform to write, with the names of the LiDAR's frame.
 
     Raises:
         InputError: the file is wrong, holds something else, leaves something open, or is about another LiDAR.
     """
     source = Source.read(path)
+    recorded = None if written.frame_ids is None else written.frame_ids.lidar
     if BASE in source.mapping or source.mapping.keys() == {"T_base_lidar"}:
-        _refuse_direction(path, direction, BASE)
+        _refuse_direction(path, direction, BASE, written)
         document = validate(BaseDocument, source.document, path)
-        asked = lidar or recorded
+        asked = written.lidar or recorded
         if document.lidar_frame is not None and asked not in (None, document.lidar_frame):
             raise InputError(
                 f"{path}: lidar_frame: found {document.lidar_frame!r}, expected {asked!r}, the LiDAR of the "
-                f"transform; if they are one LiDAR, add --to-lidar {document.lidar_frame}"
+                f"transform; if they are one LiDAR, add {written.option('lidar')} {document.lidar_frame}"
             )
         return Base(np.array(document.T_base_lidar), name or document.base_frame)
     candidates = [format for format in KNOWN if format.recognises(source)]
@@ -127,56 +127,64 @@ def read_base(
         )
     format = candidates[0]
     if format is bases.AUTOWARE:
-        _refuse_direction(path, direction, format.name)
-        return _read_kit(source, name, lidar, recorded)
+        _refuse_direction(path, direction, format.name, written)
+        return _read_kit(source, name, recorded, written)
     if "direction" in format.asks:
         if direction is None:
             choice = "lidar-to-base (p_base = T p_lidar) or base-to-lidar"
             raise InputError(
-                f"{path}: found a transform without a stated direction; add --base-direction {choice}"
+                f"{path}: found a transform without a stated direction; add {written.option('base_direction')} "
+                f"{choice}"
             )
-        T = format.read(source, FormatOptions("lidar-to-camera"))
+        T = format.read(source, FormatOptions("lidar-to-camera", names=written.names))
         return Base(T if direction == "lidar-to-base" else inverse(T), name or BASE_LINK)
-    _refuse_direction(path, direction, format.name)
-    return _read_frames(format, source, name or BASE_LINK, lidar, recorded)
+    _refuse_direction(path, direction, format.name, written)
+    return _read_frames(format, source, name or BASE_LINK, recorded, written)
 
 
-def _refuse_direction(path: Path, direction: BaseDirection | None, format: str) -> None:
+def _refuse_direction(
+    path: Path, direction: BaseDirection | None, format: str, written: FormatOptions
+) -> None:
     if direction is not None:
+        option = written.option("base_direction")
         raise InputError(
-            f"--base-direction: found {direction!r}, but {path} states it itself ({format}); leave it out"
+            f"{option}: found {direction!r}, but {path} states it itself ({format}); leave it out"
         )
 
 
-def _read_frames(format: Format, source: Source, name: str, lidar: str | None, recorded: str | None) -> Base:
+def _read_frames(
+    format: Format, source: Source, name: str, recorded: str | None, written: FormatOptions
+) -> Base:
     """Read the pose between two named frames: that of the vehicle stands where a camera's optical frame would."""
-    options = FormatOptions(camera=name, lidar=lidar, frame="optical", is_written=True)
-    if lidar is None and recorded is not None and recorded in source.text:
+    names = {**written.names, "camera": written.option("base_frame"), "lidar": written.option("lidar")}
+    options = FormatOptions(camera=name, lidar=written.lidar, frame="optical", names=names)
+    if written.lidar is None and recorded is not None and recorded in source.text:
         options = replace(options, lidar=recorded)
     try:
         return Base(format.read(source, options), name)
     except InputError as error:
-        line = str(error).replace("--to-camera", "--base-frame")
-        raise type(error)(line.replace("between camera and LiDAR", f"between {name} and LiDAR")) from None
+        line = str(error).replace("between camera and LiDAR", f"between {name} and LiDAR")
+        raise type(error)(line) from None
 
 
-def _read_kit(source: Source, name: str | None, lidar: str | None, recorded: str | None) -> Base:
+def _read_kit(source: Source, name: str | None, recorded: str | None, written: FormatOptions) -> Base:
     """Read the entry of the LiDAR in a file of Autoware, whose key is the name of the base."""
     kit = bases.kits_of(source.node)[0]
     base = next(str(key) for key, entry in source.mapping.items() if entry is kit.value)
     if name not in (None, base):
-        raise InputError(f"--base-frame: found {name!r}, expected {base!r}, the base in {source.path}")
+        option = written.option("base_frame")
+        raise InputError(f"{option}: found {name!r}, expected {base!r}, the base in {source.path}")
     names = list(map(str, kit.mapping))
-    asked = lidar or (recorded if recorded in names else None)
+    asked = written.lidar or (recorded if recorded in names else None)
     lidars = [entry for entry in names if has_word(entry, LIDAR_WORDS)] if asked is None else [asked]
     if len(lidars) != 1 or lidars[0] not in names:
         raise InputError(
-            f"{kit.where}: found sensors {listed(names)}; add --to-lidar to name the LiDAR's own"
+            f"{kit.where}: found sensors {listed(names)}; add {written.option('lidar')} to name the LiDAR's own"
         )
-    return Base(bases.KIT_POSE.read(kit.at(lidars[0]), FormatOptions()), base)
+    return Base(bases.KIT_POSE.read(kit.at(lidars[0]), FormatOptions(names=written.names)), base)
 
 
-def check_named(format: Format) -> None:
+def check_named(format: Format, options: FormatOptions) -> None:
     """Check that files of a format may hold the transform from a frame of the vehicle.
 
     Raises:
@@ -184,7 +192,8 @@ def check_named(format: Format) -> None:
     """
     names = [written.name for written in WRITTEN]
     if format.name not in names:
-        raise InputError(f"--to {format.name}: found --base, which needs one of: {', '.join(names)}")
+        written = f"{options.option('to')} {format.name}"
+        raise InputError(f"{written}: found {options.option('base')}, which needs one of: {', '.join(names)}")
 
 
 def describe_pose(T_camera_lidar: Pose, base: Base, camera: str) -> str:

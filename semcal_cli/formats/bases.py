@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, listed
@@ -68,8 +68,11 @@ def _make_kit(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
     for name, T_base_sensor in ((camera, T_base_camera), (lidar, options.base.T_base_lidar)):
         KIT_POSE.put(entries.setdefault(name, {}), T_base_sensor)
     if len({base, camera, lidar}) < 3:
-        needed = "three names: add --to-camera, --to-lidar or --base-frame"
-        raise InputError(f"--to autoware: found {listed((base, camera, lidar))}, expected {needed}")
+        camera_option, lidar_option = options.option("camera"), options.option("lidar")
+        needed = f"three names: add {camera_option}, {lidar_option} or {options.option('base_frame')}"
+        raise InputError(
+            f"{options.option('to')} autoware: found {listed((base, camera, lidar))}, expected {needed}"
+        )
     return {base: entries}
 
 
@@ -101,8 +104,11 @@ def _channels(table: Path) -> dict[Any, Any]:
     }
 
 
-def _record(table: Node, channels: dict[Any, Any], name: str | None, option: str) -> Node:
-    """Find the entry with a token or, where a channel has one entry, with a channel."""
+def _record(
+    table: Node, channels: dict[Any, Any], kind: Literal["camera", "lidar"], options: FormatOptions
+) -> Node:
+    """Find the entry of the camera or the LiDAR by its token or, where a channel has one entry, by its channel."""
+    name = options.camera if kind == "camera" else options.lidar
     names = [(row.get("token"), channels.get(str(row.get("sensor_token")))) for row in table.value]
     indices = [index for index, both in enumerate(names) if name is not None and name in both]
     if len(indices) != 1:
@@ -110,7 +116,10 @@ def _record(table: Node, channels: dict[Any, Any], name: str | None, option: str
         problem = f"no {name!r}" if name and not indices else f"{len(indices) or len(names)} sensors"
         # The channels are in another file, and standard input has none next to it.
         key = "token" if Path(table.file) == STANDARD_INPUT else "token or channel"
-        raise InputError(f"{table.where}: found {problem}; add {option} with the {key} of one of: {choices}")
+        raise InputError(
+            f"{table.where}: found {problem}; add {options.option(kind)} with the {key} of one of: {choices}"
+            f"{options.hint(kind)}"
+        )
     return table.child(indices[0], table.value[indices[0]])
 
 
@@ -118,8 +127,8 @@ def _find_in_table(table: Node, options: FormatOptions) -> SensorPair:
     if not isinstance(table.value, list) or not all(isinstance(row, dict) for row in table.value):
         raise table.mismatch("a list of mappings")
     channels = _channels(Path(table.file))
-    camera = _record(table, channels, options.camera, "--camera")
-    lidar = _record(table, channels, options.lidar, "--lidar")
+    camera = _record(table, channels, "camera", options)
+    lidar = _record(table, channels, "lidar", options)
     sensors = {str(sensor.value.get("sensor_token")) for sensor in (camera, lidar)}
     if camera.value is lidar.value or (len(sensors) == 1 and sensors <= channels.keys()):
         names = f"{options.camera!r} and {options.lidar!r}"

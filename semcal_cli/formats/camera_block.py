@@ -12,7 +12,7 @@ from semcal_cli.files.input_files import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
 from semcal_cli.formats.format import CameraBlock, Source
 from semcal_cli.formats.format_table import all_formats
-from semcal_cli.formats.node import Node, camera_block
+from semcal_cli.formats.node import Node, checked_camera_block
 from semcal_cli.formats.opencv import is_storage
 
 KNOWN_FORMATS = (
@@ -52,7 +52,7 @@ def read_intrinsics(
         if size is None:
             raise InputError(f"{path}: found no size of the images, and no images")
         block |= dict(zip(("width", "height"), size(), strict=True))
-    return camera_block(path, block if model is None else _with_model(path, block, model), keys)
+    return checked_camera_block(path, block if model is None else _with_model(path, block, model), keys)
 
 
 def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
     Raises:
         InputError: the lens is unknown, or a value is wrong.
     """
-    return camera_block(source, *ros_intrinsics(Node(source, document)))
+    return checked_camera_block(source, *ros_intrinsics(Node(source, document)))
 
 
 def resized(block: dict[str, Any], size: tuple[int, int]) -> dict[str, Any] | None:

@@ -152,10 +152,10 @@ def _read(source: Source, options: FormatOptions) -> Pose:
 
 
 def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
-    camera = options.intrinsics
+    camera, where = options.intrinsics, f"{options.option('to')} {NAME}"
     if camera is None:
-        raise InputError(f"--to {NAME}: found no camera, expected IN to be a semcal calibration or a drive")
-    check_lens(f"--to {NAME}", camera, LENS_NAMES)
+        raise InputError(f"{where}: found no camera, expected IN to be a semcal calibration or a drive")
+    check_lens(where, camera, LENS_NAMES)
     return camera_info_of(camera, options.camera or CAMERA)
 
 

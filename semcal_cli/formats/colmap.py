@@ -107,7 +107,8 @@ def _find_rig_camera(document: Node, options: FormatOptions) -> Node:
     matches = [each for each in cameras if options.camera in (None, each[0].value.get(NAME))]
     if len(matches) != 1:
         names = listed(camera.value.get(NAME) for camera, _ in cameras)
-        needed = f"add --camera with the {NAME} of one of them"
+        option, hint = options.option("camera"), options.hint("camera")
+        needed = f"add {option} with the {NAME} of one of them{hint}"
         raise InputError(f"{document.where}: found cameras {names}; {needed}")
     ((camera, is_of_camera),) = matches
     if is_of_camera and FROM_LIDAR not in camera.value:

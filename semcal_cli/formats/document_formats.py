@@ -27,8 +27,8 @@ from semcal_cli.geometry.poses import inverse
 
 Find: TypeAlias = Callable[[Node, FormatOptions], Node]
 """Finds the entry of a document that holds the pose, and adds it to a new document."""
-MakeLens: TypeAlias = Callable[[Camera], dict[str, Any]]
-"""Makes the keys of a camera's intrinsics."""
+MakeLens: TypeAlias = Callable[[str, Camera], dict[str, Any]]
+"""Makes the keys of a camera's intrinsics; the text is the name of the file in messages."""
 
 
 def under(*keys: str) -> Find:
@@ -66,10 +66,10 @@ def entry_format(
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
         document: dict[str, Any] = {}
-        entry = find(Node(f"--to {name}", document), options).mapping
+        entry = find(Node(f"{options.option('to')} {name}", document), options).mapping
         notation.put(entry, inverse(T_camera_lidar) if maps_camera else T_camera_lidar)
         if make_lens is not None and options.intrinsics is not None:
-            entry |= make_lens(options.intrinsics)
+            entry |= make_lens(f"{options.option('to')} {name}", options.intrinsics)
         return document
 
     return Format(name, equation, recognises, read, **{"make": make, **others})
@@ -110,11 +110,15 @@ def base_format(
     def make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
         if options.base is not None and make_on_base is not None:
             return make_on_base(T_camera_lidar, options)
-        add = "" if make_on_base is None else "add --base with the pose of the LiDAR on it, or "
+        add = (
+            ""
+            if make_on_base is None
+            else f"add {options.option('base')} with the pose of the LiDAR on it, or "
+        )
         needed = (
             f"{add}choose another format: the transform between two sensors does not determine these poses"
         )
-        raise InputError(f"--to {name}: poses are relative to the {base}; {needed}")
+        raise InputError(f"{options.option('to')} {name}: poses are relative to the {base}; {needed}")
 
     def set_camera(source: Source, T_camera_lidar: Pose, options: FormatOptions) -> tuple[Any, Pose]:
         if not is_set:
@@ -194,7 +198,8 @@ def camera_format(
         camera = options.camera or (names[0] if len(names) == 1 else None)
         if camera not in names:
             raise InputError(
-                f"{document.where}: found {key} of {listed(names)}; add --camera to name one of them"
+                f"{document.where}: found {key} of {listed(names)}; add {options.option('camera')} to name one of them"
+                f"{options.hint('camera')}"
             )
         return document.at(camera)
 

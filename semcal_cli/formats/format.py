@@ -7,7 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +22,14 @@ from semcal_cli.files.input_files import read_bytes
 from semcal_cli.files.output_files import STANDARD_INPUT, read_standard_input
 from semcal_cli.formats.node import Node
 from semcal_cli.geometry.arrays import Matrix, Pose
+
+ARGUMENTS = {name: name for name in ("direction", "frame", "camera", "lidar", "to", "base")} | {
+    "base_direction": "base_direction",
+    "base_frame": "base_frame",
+    "from": "name",
+    "repair": "on_repair",
+}
+"""What a program calls the options for what a file leaves open, the names of formats, and a frame of the vehicle."""
 
 
 class Base(NamedTuple):
@@ -58,10 +66,12 @@ class FormatOptions:
     on_repair: Callable[[str], None] | None = None
     """Called for each invalid rotation that is replaced by the nearest rotation; None refuses such files."""
     is_written: bool = False
-    """Whether the file is written, in which case the options of the command begin with `--to-`."""
+    """Whether the file is written."""
     covariance: Matrix | None = None
     """Covariance (6, 6) to write, if the format holds one: of a twist (rho, phi) on the left of T_camera_lidar, metres
     and radians, along the camera's axes; None if it is not known or not believed."""
+    names: Mapping[str, str] = field(default_factory=ARGUMENTS.copy)
+    """What messages call the options: a program's arguments, or the options that a command has; see `option`."""
 
     def __post_init__(self) -> None:
         """Check the values that a program passes; the command line checks its own options.
@@ -78,10 +88,13 @@ class FormatOptions:
             if not isinstance(getattr(self, name), str | None):
                 raise InputError(f"{name}: found {getattr(self, name)!r}, expected a name")
 
-    @property
-    def prefix(self) -> str:
-        """Beginning of the option names in messages."""
-        return "--to-" if self.is_written else "--"
+    def option(self, name: str) -> str:
+        """Return what a message calls an option: the caller's own name for it, or that in `semcal convert`."""
+        return self.names.get(name, f"--{name.replace('_', '-')}")
+
+    def hint(self, *names: str) -> str:
+        """Return the end of a message that asks for options: which command takes them if the caller does not."""
+        return "" if self.names.keys() >= {*names} else "; `semcal convert` takes this option"
 
     def note(self, line: str) -> None:
         """Pass a line to `on_note`, if there is one."""

@@ -71,7 +71,8 @@ def camera_and_lidar(
             name = candidates[0]
         if name is None or name not in names:
             raise ChoiceError(
-                f"{where}: found {kind} {listed(names)}; add {options.prefix}{side} to name {needed}"
+                f"{where}: found {kind} {listed(names)}; add {options.option(side)} to name {needed}"
+                f"{options.hint(side)}"
             )
         pair.append(name)
     camera, lidar = pair
@@ -98,7 +99,10 @@ def apply_direction(where: str, T: Pose, options: FormatOptions) -> Pose:
         if options.is_written:  # whatever the file that is read states
             found = "this format may hold either direction"
         directions = "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
-        raise InputError(f"{where}: {found}; add {options.prefix}direction {directions}")
+        first = ""
+        if "direction" not in options.names:
+            first = f"; first: `semcal convert {where} --direction lidar-to-camera --to semcal -o T.yaml`"
+        raise InputError(f"{where}: {found}; add {options.option('direction')} {directions}{first}")
     return T if options.direction == "lidar-to-camera" else inverse(T)
 
 
@@ -134,7 +138,8 @@ def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
     is_optical = is_recorded or has_word(camera, OPTICAL_WORDS)
     frame = options.frame or ("optical" if is_optical else None)
     if frame is None:
-        needed = f"add {options.prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        axes = "optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        needed = f"add {options.option('frame')} {axes}{options.hint('frame')}"
         raise InputError(f"{where}: found the camera frame {camera!r}; {needed}")
     return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
 
@@ -149,14 +154,17 @@ def name_frames(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str
         try:
             FrameIds.check(name)
         except ValueError as error:
-            raise InputError(f"--to-camera, --to-lidar, --base-frame: {error}") from None
+            names = ", ".join(map(options.option, ("camera", "lidar", "base_frame")))
+            raise InputError(f"{names}: {error}") from None
     is_body, recorded = options.frame == "body", options.frame_ids or FrameIds()
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
-    parent, option = options.lidar or recorded.lidar or LIDAR, "--to-lidar"
+    parent, option = options.lidar or recorded.lidar or LIDAR, options.option("lidar")
     if options.base is not None:
         # T_base_camera = T_base_lidar T_lidar_camera
-        T, parent, option = options.base.T_base_lidar @ T, options.base.name, "--base-frame"
+        T, parent, option = options.base.T_base_lidar @ T, options.base.name, options.option("base_frame")
     camera = options.camera or (CAMERA_BODY if is_body else recorded.camera or CAMERA)
     if camera == parent:
-        raise InputError(f"--to-camera, {option}: found {camera!r} for both, expected two names")
+        raise InputError(
+            f"{options.option('camera')}, {option}: found {camera!r} for both, expected two names"
+        )
     return T, parent, camera

@@ -114,7 +114,9 @@ def set_transform(
         return _set_in_document(apply_direction(f"{source.path}: {key}", T, options), source, path, options)
     again = format.read(Source(source.path, content), replace(options, is_written=False))
     if not np.allclose(again, T_camera_lidar, rtol=0.0, atol=TOLERANCE):
-        raise InputError(f"{source.path}: the transform cannot be set; add --to {format.name} and a new file")
+        raise InputError(
+            f"{source.path}: the transform cannot be set; add {options.option('to')} {format.name} and a new file"
+        )
     return content
 
 
@@ -132,13 +134,14 @@ def set_on_base(
         why = "in which no frame is the vehicle's"
         if format.set_camera is not None:
             why = "whose file states the pose of the LiDAR itself"
-        raise InputError(f"{source.path}: found {format.name}, {why}; leave out --base")
+        raise InputError(f"{source.path}: found {format.name}, {why}; leave out {options.option('base')}")
     frames = FrameIds(camera=None if options.frame_ids is None else options.frame_ids.camera)
     named = replace(options, base=None, lidar=base.name, frame_ids=frames)
     try:
         return set_transform(T_camera_lidar @ inverse(base.T_base_lidar), source, format, key, named)
     except InputError as error:
-        line = str(error).replace("--to-lidar to name the LiDAR's own", "--base-frame to name the vehicle's")
+        own, vehicle = options.option("lidar"), options.option("base_frame")
+        line = str(error).replace(f"{own} to name the LiDAR's own", f"{vehicle} to name the vehicle's")
         raise type(error)(line) from None
 
 

@@ -68,19 +68,19 @@ def _check_name(name: Node, names: dict[str, Any]) -> str:
     return str(name.value)
 
 
-def _make_lens(camera: Camera) -> dict[str, Any]:
+def _make_lens(where: str, camera: Camera) -> dict[str, Any]:
     """Make the keys of a camera's intrinsics.
 
     Raises:
         UnnamedLensError: Kalibr has no name for the lens, or K or the lens has more numbers than Kalibr's.
     """
-    check_lens("--to kalibr", camera, MODELS)
+    check_lens(where, camera, MODELS)
     kind, lens = MODELS[camera.model]
     distortion = coefficients_of(camera) if camera.model == "fisheye" else list(camera.distortion)
     if camera.model == "plumb_bob":
         if any(distortion[4:]):
             needed = "needed 0: Kalibr's radtan has k1, k2, p1 and p2"
-            raise UnnamedLensError(f"--to kalibr: found the lens plumb_bob with k3 {distortion[4]}, {needed}")
+            raise UnnamedLensError(f"{where}: found the lens plumb_bob with k3 {distortion[4]}, {needed}")
         distortion = distortion[:4]
     return {
         "camera_model": kind,
@@ -88,7 +88,7 @@ def _make_lens(camera: Camera) -> dict[str, Any]:
         "distortion_model": lens if distortion else "none",
         "intrinsics": [
             *(camera.parameters[name] for name in CAMERA_MODELS[camera.model].parameters),
-            *pixels_of("--to kalibr", camera),
+            *pixels_of(where, camera),
         ],
         "resolution": [camera.width, camera.height],
     }

@@ -128,16 +128,17 @@ def raw_pose(
 
 
 def _read_raw(source: Source, options: FormatOptions) -> Pose:
-    cameras = None if options.camera is None else _raw_cameras(source, options.camera)
+    cameras = None if options.camera is None else _raw_cameras(source, options.camera, options)
     return raw_pose(parse_keyed(source.path, source.text), cameras, options.camera, options)
 
 
-def _raw_cameras(source: Source, camera: str) -> Node:
+def _raw_cameras(source: Source, camera: str, options: FormatOptions) -> Node:
     """Read the cameras next to calib_velo_to_cam.txt."""
-    _check_camera(camera, RAW_CAMERAS)
+    _check_camera(camera, RAW_CAMERAS, options)
     if descriptor(source.path) is not None:
         raise InputError(
-            f"{source.path}: found a stream, expected a file with {RAW_CAMERAS_FILE} next to it for --camera"
+            f"{source.path}: found a stream, expected a file with {RAW_CAMERAS_FILE} next to it for "
+            f"{options.option('camera')}"
         )
     return read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
 
@@ -154,18 +155,22 @@ def _make_360(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 
 
 def _note_camera0(name: str, options: FormatOptions) -> None:
-    options.note(f"--to {name}: the transform is written as that of camera 0 before rectification")
+    options.note(
+        f"{options.option('to')} {name}: the transform is written as that of camera 0 before rectification"
+    )
 
 
-def _check_camera(camera: str, cameras: tuple[str, ...]) -> None:
+def _check_camera(camera: str, cameras: tuple[str, ...], options: FormatOptions) -> None:
     if camera not in cameras:
-        raise InputError(f"--camera: found {camera!r}, expected one of: {', '.join(cameras)}")
+        raise InputError(
+            f"{options.option('camera')}: found {camera!r}, expected one of: {', '.join(cameras)}"
+        )
 
 
 def _check_no_camera(options: FormatOptions) -> None:
     if options.camera is not None:
         needed = "expected no name: a new file has only camera 0"
-        raise InputError(f"--to-camera: found {options.camera!r}, {needed}")
+        raise InputError(f"{options.option('camera')}: found {options.camera!r}, {needed}")
 
 
 def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
@@ -174,22 +179,25 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
         T = camera0_pose(lines, key, options)
         if options.camera is None:
             if any(name in lines.mapping for name in CAMERAS[1:]):
-                options.note(f"{source.path}: read as the transform of camera 0; --camera P2 reads another")
+                other = f"{options.option('camera')} P2 reads another"
+                options.note(f"{source.path}: read as the transform of camera 0; {other}")
             return T
-        _check_camera(options.camera, CAMERAS)
+        _check_camera(options.camera, CAMERAS, options)
         return offset_from_camera0(lines.at(options.camera)) @ T
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         if options.camera != CAMERAS[0]:
-            found = "" if options.camera is None else f"found --to-camera {options.camera}; "
-            needed = f"add --to-camera {CAMERAS[0]}, if the transform is that of the rectified camera 0"
-            raise InputError(f"--to {name}: {found}{needed}")
+            option = options.option("camera")
+            found = "" if options.camera is None else f"found {option} {options.camera}; "
+            needed = f"add {option} {CAMERAS[0]}, if the transform is that of the rectified camera 0"
+            raise InputError(f"{options.option('to')} {name}: {found}{needed}")
         return f"{first_line}{key}: {_row(T_camera_lidar[:3])}\n".encode()
 
     def edit(source: Source, T_camera_lidar: Pose, _: str | None, options: FormatOptions) -> Edits:
         lines = parse_keyed(source.path, source.text)
         if options.camera not in CAMERAS:
-            raise InputError(f"{source.path}: add --to-camera with one of: {', '.join(CAMERAS)}")
+            needed = f"add {options.option('camera')} with one of: {', '.join(CAMERAS)}"
+            raise InputError(f"{source.path}: {needed}")
         T = inverse(offset_from_camera0(lines.at(options.camera))) @ T_camera_lidar
         if key == OBJECT_KEY:
             T = inverse(rotation(lines.at(RECTIFICATION))) @ T
@@ -215,7 +223,7 @@ def _edit_raw(source: Source, T_camera_lidar: Pose, _: str | None, options: Form
         _note_camera0("kitti-raw", options)
     else:
         zero = Node(str(source.path), {"R": np.eye(3).ravel().tolist(), "T": [0.0] * 3})
-        T = inverse(raw_pose(zero, _raw_cameras(source, options.camera), options.camera)) @ T
+        T = inverse(raw_pose(zero, _raw_cameras(source, options.camera, options), options.camera)) @ T
     return _set_line(source, "R", T[:3, :3]) + _set_line(source, "T", T[:3, 3])
 
 

@@ -44,7 +44,7 @@ def directed_format(
         recognises,
         lambda source, options: apply_direction(str(source.path), read(source, options), options),
         lambda T_camera_lidar, options: make(
-            apply_direction(f"--to {name}", T_camera_lidar, options), options
+            apply_direction(f"{options.option('to')} {name}", T_camera_lidar, options), options
         ),
         asks=("direction", *may_ask),
         **others,

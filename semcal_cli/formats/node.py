@@ -199,7 +199,7 @@ def pick(
     )
 
 
-def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
+def checked_camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
     """Check the camera block of a drive that was made from a file.
 
     Args:
@@ -207,12 +207,7 @@ def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str
         block: The block.
         keys: Names of the block's keys in the file, where they differ, for messages.
     """
-    try:
-        validate(Camera, block, Path("camera"))
-    except InputError as error:
-        match = re.fullmatch(r"camera: (\w+)(.*)", str(error), re.DOTALL)
-        key, complaint = match.groups() if match else ("camera", f": {error}")
-        raise InputError(f"{path}: {keys.get(key, key)}{complaint}") from None
+    validate(Camera, block, path, keys)
     return block
 
 

@@ -110,29 +110,30 @@ def _value(element: ET.Element) -> Any:
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:
-    node = _find_matrix(_storage(source), options.camera)
+    node = _find_matrix(_storage(source), options)
     values = node.data()
     if len(values) not in (12, 16):
         raise InputError(f"{node.where}: found {counted(len(values), 'number')}, needed 16 by rows, or 12")
     return from_rows(node.where, values, options)
 
 
-def _find_matrix(storage: Node, name: str | None) -> Node:
-    """Find the matrix with a name, or the only one that can be a transform."""
+def _find_matrix(storage: Node, options: FormatOptions) -> Node:
+    """Find the matrix with the name that the user gives, or the only one that can be a transform."""
+    name, needed = options.camera, f"add {options.option('camera')} to name one{options.hint('camera')}"
     if name is None and KEY in storage.mapping:
         return storage.at(KEY)
     matrices = {key: storage.at(key) for key, value in storage.mapping.items() if _has_shape(value)}
     if name is not None:
         if name not in matrices:
-            raise InputError(f"{storage.where}: found matrices {listed(matrices)}; add --camera to name one")
+            raise InputError(f"{storage.where}: found matrices {listed(matrices)}; {needed}")
         return matrices[name]
     if not matrices:
-        needed = f"expected a 4 x 4 or 3 x 4 matrix, such as {KEY}"
-        raise InputError(f"{storage.where}: found keys {listed(storage.mapping)}, {needed}")
+        expected = f"expected a 4 x 4 or 3 x 4 matrix, such as {KEY}"
+        raise InputError(f"{storage.where}: found keys {listed(storage.mapping)}, {expected}")
     # Beside a transform may be projections, P.
     transforms = [node for node in matrices.values() if len(matrices) == 1 or _is_rotated(node)]
     if len(transforms) != 1:
-        raise InputError(f"{storage.where}: found matrices {listed(matrices)}; add --camera to name one")
+        raise InputError(f"{storage.where}: found matrices {listed(matrices)}; {needed}")
     return transforms[0]
 
 
@@ -151,7 +152,7 @@ def _is_rotated(matrix: Node) -> bool:
 def _make(T: Pose, options: FormatOptions) -> bytes:
     lines = ["%YAML:1.0", "---", _matrix(KEY, 4, rounded(T.ravel()))]
     if (camera := options.intrinsics) is not None:
-        check_lens("--to opencv", camera, MIN_COUNTS)
+        check_lens(f"{options.option('to')} opencv", camera, MIN_COUNTS)
         coefficients = coefficients_of(camera)
         lines += [
             f"image_width: {camera.width}",

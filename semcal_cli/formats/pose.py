@@ -222,4 +222,5 @@ def check_transform(
     except InputError as error:
         if options is None or "expected a rotation" not in str(error):
             raise
-        raise InputError(f"{error}; --repair uses the nearest rotation") from None
+        repair = f"{options.option('repair')} uses the nearest rotation{options.hint('repair')}"
+        raise InputError(f"{error}; {repair}") from None

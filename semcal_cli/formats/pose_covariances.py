@@ -67,7 +67,7 @@ def _covariance(name: str, options: FormatOptions) -> Matrix:
     """
     if options.covariance is None:
         needed = "expected a calibration of semcal that states one and is trusted"
-        raise InputError(f"--to {name}: found no uncertainty that is believed, {needed}")
+        raise InputError(f"{options.option('to')} {name}: found no uncertainty that is believed, {needed}")
     return options.covariance
 
 

@@ -93,8 +93,8 @@ def _choose(where: str, publishers: list[list[str]], options: FormatOptions) -> 
     if len(candidates) != 1:
         frames = listed(" to ".join(_frames(words)) for words in publishers)
         raise InputError(
-            f"{where}: found transforms {frames}; add {options.prefix}camera and {options.prefix}lidar to name the two "
-            "frames of one of them"
+            f"{where}: found transforms {frames}; add {options.option('camera')} and {options.option('lidar')} to name "
+            f"the two frames of one of them{options.hint('camera', 'lidar')}"
         )
     return candidates[0]
 

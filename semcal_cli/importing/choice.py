@@ -26,7 +26,7 @@ SUBSTITUTES = {
 
 
 @dataclass(frozen=True)
-class Options:
+class FrameChoice:
     """The user's choice of frames, and additions to a data set."""
 
     frames: slice = field(default_factory=lambda: slice(None))
@@ -51,7 +51,7 @@ class Options:
     """Whether frames without labels are kept beside those with labels."""
 
 
-def relabel(recording: Recording, options: Options) -> Recording:
+def relabel(recording: Recording, options: FrameChoice) -> Recording:
     """Replace the labels and classes of the data set with those that the user gives.
 
     Raises:
@@ -150,7 +150,7 @@ def keep_labelled(recording: Recording) -> Recording:
     return replace(recording, frames=frames, remarks=(*recording.remarks, *remarks))
 
 
-def narrow(recording: Recording, options: Options) -> Recording:
+def narrow(recording: Recording, options: FrameChoice) -> Recording:
     """Leave out pairs that are too far apart in time, then keep the chosen frames.
 
     Raises:
@@ -185,7 +185,7 @@ def _slowest(frames: Sequence[SourceFrame], count: int) -> list[SourceFrame]:
     return [frames[index] for index in sorted(order[: max(count, (len(frames) + 1) // 2)])]
 
 
-def select_varied(drive: Drive, recording: Recording, options: Options) -> list[SourceFrame]:
+def select_varied(drive: Drive, recording: Recording, options: FrameChoice) -> list[SourceFrame]:
     """Keep the frames whose label images differ most; keep all frames without `spread`.
 
     Args:

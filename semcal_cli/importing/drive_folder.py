@@ -23,7 +23,7 @@ from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, nearest_rigid, rotation_error_deg
-from semcal_cli.importing.choice import Options, keep_labelled, narrow, relabel, select_varied
+from semcal_cli.importing.choice import FrameChoice, keep_labelled, narrow, relabel, select_varied
 from semcal_cli.importing.dataset_tree import need_file, writable_name
 from semcal_cli.importing.drive_odometry import drive_motion
 from semcal_cli.importing.motion_agreement import compare_motions
@@ -52,7 +52,9 @@ class WrittenDrive:
     """The drive."""
 
 
-def write_drive(recording: Recording, options: Options, out: Path, *, force: bool = False) -> WrittenDrive:
+def write_drive(
+    recording: Recording, options: FrameChoice, out: Path, *, force: bool = False
+) -> WrittenDrive:
     """Write a drive. The drive.yaml is written last, and each file as a whole or not at all; errors leave no new file.
 
     Args:

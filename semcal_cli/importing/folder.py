@@ -44,7 +44,7 @@ SUFFIXES = {
 
 
 @dataclass(frozen=True)
-class Folder:
+class FilePatterns:
     """Patterns and files of a user's own data. A pattern starts in the working folder; `**` matches any folders."""
 
     points: str
@@ -93,25 +93,25 @@ class Partners:
     """Sentences that the user should read."""
 
 
-def read(folder: Folder) -> Recording:
+def read(patterns: FilePatterns) -> Recording:
     """Pair the files and read the intrinsics.
 
     Raises:
         InputError: a pattern matches nothing or a file of an unknown format, nothing can be paired, no cloud has all
             its files, or a file is wrong.
     """
-    size_option = "--images" if folder.images else "--image-labels"
-    pattern = folder.images or folder.image_labels
+    size_option = "--images" if patterns.images else "--image-labels"
+    pattern = patterns.images or patterns.image_labels
     size = None if pattern is None else lambda: read_size(_find(size_option, pattern)[0])
-    camera = read_intrinsics(folder.camera_info, folder.camera, folder.model, size)
-    clouds = _find("--points", folder.points)
-    point_labels = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
-    image_labels = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)
-    images = _partners(clouds, "--images", folder.images, folder.max_gap_s)
+    camera = read_intrinsics(patterns.camera_info, patterns.camera, patterns.model, size)
+    clouds = _find("--points", patterns.points)
+    point_labels = _partners(clouds, "--point-labels", patterns.point_labels, patterns.max_gap_s)
+    image_labels = _partners(clouds, "--image-labels", patterns.image_labels, patterns.max_gap_s)
+    images = _partners(clouds, "--images", patterns.images, patterns.max_gap_s)
     image_partners = image_labels if image_labels.of_cloud else images
     needed = [partners.of_cloud for partners in (point_labels, image_partners) if partners.of_cloud]
     usable_clouds = [cloud for cloud in clouds if all(cloud in files for files in needed)]
-    if usable_clouds and folder.keeps_all:
+    if usable_clouds and patterns.keeps_all:
         usable_clouds = [
             cloud for cloud in clouds if not point_labels.of_cloud or cloud in point_labels.of_cloud
         ]
@@ -123,8 +123,8 @@ def read(folder: Folder) -> Recording:
             "needed at least one"
         )
     stamps = stamps_s(clouds)
-    form = PointForm(folder.point_columns, folder.point_type, folder.time_unit)
-    (first,) = read_point_clouds([(usable_clouds[0], None)], folder.max_points, form)
+    form = PointForm(patterns.point_columns, patterns.point_type, patterns.time_unit)
+    (first,) = read_point_clouds([(usable_clouds[0], None)], patterns.max_points, form)
     form, unit_remarks = _with_time_unit(form, first.time, list(stamps.values()))
     has_labels = not point_labels.of_cloud and first.labels is not None
     own_labels = (
@@ -150,12 +150,12 @@ def read(folder: Folder) -> Recording:
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
         T_camera_lidar=None
-        if folder.reference is None
-        else _reference(folder.reference, folder.reference_direction),
-        synchronization=folder.synchronization,
+        if patterns.reference is None
+        else _reference(patterns.reference, patterns.reference_direction),
+        synchronization=patterns.synchronization,
         point_form=form,
         remarks=(*own_labels, *unit_remarks, *point_labels.remarks, *image_labels.remarks, *images.remarks),
-        read=(folder.camera_info, *([drive_file(folder.reference)] if folder.reference else [])),
+        read=(patterns.camera_info, *([drive_file(patterns.reference)] if patterns.reference else [])),
         labels_by="GLOB",
     )
 

@@ -27,7 +27,7 @@ from semcal_cli.formats.kitti_files import (
     raw_pose,
     read_keyed,
 )
-from semcal_cli.formats.node import Node, camera_block, image_side, pick, stamp_s
+from semcal_cli.formats.node import Node, checked_camera_block, image_side, pick, stamp_s
 from semcal_cli.geometry.arrays import Pose, TwistVector
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.importing.dataset_tree import (
@@ -292,7 +292,7 @@ def pinhole(projection: Node, width: int, height: int) -> dict[str, Any]:
     """
     K = projection.matrix(3, 4)[:, :3]
     block = {"model": "plumb_bob", "width": width, "height": height, "K": K.tolist()}
-    return camera_block(projection.file, block, {"K": projection.key})
+    return checked_camera_block(projection.file, block, {"K": projection.key})
 
 
 def raw_camera(lines: Node, camera: str) -> dict[str, Any]:
@@ -313,7 +313,7 @@ def raw_camera(lines: Node, camera: str) -> dict[str, Any]:
     width, height = image_sides(lines.at(f"S_{camera}"))
     block = {"model": "plumb_bob", "width": width, "height": height, "K": K.tolist()}
     block["distortion"] = lines.at(distortion).numbers(5)
-    return camera_block(lines.file, block, {"K": key, "distortion": distortion})
+    return checked_camera_block(lines.file, block, {"K": key, "distortion": distortion})
 
 
 def image_sides(sides: Node) -> tuple[int, int]:

@@ -20,7 +20,7 @@ from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError, describe
 from semcal_cli.files.rows import read_rows
 from semcal_cli.files.validation import MAX_TRANSLATION_M
-from semcal_cli.formats.node import MAX_STAMP_S, MAX_WORLD_M, Node, camera_block, number, pick, rigid
+from semcal_cli.formats.node import MAX_STAMP_S, MAX_WORLD_M, Node, checked_camera_block, number, pick, rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, pose_from_quaternion
 from semcal_cli.importing.dataset_tree import folders, inside, need_file, speeds_mps
@@ -116,7 +116,7 @@ class ViewedScene:
         K = self.sensor(image).at("camera_intrinsic")
         width, height = (image.at(key).side() for key in ("width", "height"))
         block = {"model": "plumb_bob", "width": width, "height": height, "K": K.rows(3)}
-        return camera_block(K.file, block, {"K": K.key})
+        return checked_camera_block(K.file, block, {"K": K.key})
 
 
 def read(request: Request) -> Recording:

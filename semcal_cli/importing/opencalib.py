@@ -9,7 +9,7 @@ from typing import Any
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.kitti_files import read_keyed
-from semcal_cli.formats.node import camera_block, pick
+from semcal_cli.formats.node import checked_camera_block, pick
 from semcal_cli.formats.pose import from_line
 from semcal_cli.importing.dataset_tree import files_by_stem, folders, image_size, need_file
 from semcal_cli.importing.recording import Recording, Request, SourceFrame
@@ -38,7 +38,7 @@ def read(request: Request) -> Recording:
     camera: dict[str, Any] = {"model": "plumb_bob", "width": width, "height": height}
     camera |= {"K": lines.at("K").matrix(3, 3).tolist(), "distortion": lines.at("D").numbers(4, 5)}
     return Recording(
-        camera=camera_block(lines.file, camera, {"distortion": "D"}),
+        camera=checked_camera_block(lines.file, camera, {"distortion": "D"}),
         frames=[SourceFrame(name=folder.name, points=need_file(folder / "calib.pcd"), image=image)],
         T_camera_lidar=from_line(lines.at("T")),
     )

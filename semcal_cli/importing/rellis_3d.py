@@ -13,9 +13,9 @@ import numpy as np
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.input_files import read_text
-from semcal_cli.formats import read_transform
+from semcal_cli.formats import WITHOUT_OPTIONS, read_transform
 from semcal_cli.formats.lenses import intrinsic_matrix
-from semcal_cli.formats.node import camera_block, parse_numbers, pick, rigid
+from semcal_cli.formats.node import checked_camera_block, parse_numbers, pick, rigid
 from semcal_cli.importing.dataset_tree import files_by_stem, folders, read_speeds
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Recording, Request, join_frames
@@ -64,10 +64,10 @@ def read(request: Request) -> Recording:
     K = intrinsic_matrix(*parse_numbers(info, "intrinsics", read_text(info), 4).tolist())
     camera = {"model": "plumb_bob", "width": WIDTH, "height": HEIGHT, "K": K, "distortion": DISTORTION}
     with np.errstate(all="ignore"):
-        T_camera_lidar = rigid(f"{transforms}", read_transform(transforms))
+        T_camera_lidar = rigid(f"{transforms}", read_transform(transforms, options=WITHOUT_OPTIONS))
     ontology = read_ontology("rellis-3d")
     return Recording(
-        camera=camera_block(info, camera, {"K": "intrinsics"}),
+        camera=checked_camera_block(info, camera, {"K": "intrinsics"}),
         lidar=LIDAR,
         frames=frames,
         T_camera_lidar=T_camera_lidar,

@@ -25,11 +25,11 @@ from semcal_cli.config import (
     PyramidConfig,
     RefinementConfig,
 )
-from semcal_cli.drive.camera import check_intrinsics
+from semcal_cli.drive.camera import check_intrinsic_names
 from semcal_cli.errors import CalibrationError, InputError, counted, name_in_errors
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
 from semcal_cli.estimation.adjust.deskewed import Deskewed, deskew
-from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
+from semcal_cli.estimation.adjust.joint import JointEstimate, fit_jointly
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
 from semcal_cli.estimation.refine.estimators import make_estimator
 from semcal_cli.estimation.refine.higher_maxima import has_other_maxima
@@ -279,7 +279,7 @@ def _check_options(data: LoadedDrive, config: RefinementConfig, priors: Sequence
     if jointly.is_empty:
         return
     option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
-    check_intrinsics(jointly.intrinsics, data.observations.camera, f"{path}: --refine-intrinsics")
+    check_intrinsic_names(jointly.intrinsics, data.observations.camera, f"{path}: --refine-intrinsics")
     if not is_polished:
         raise InputError(f"{option}: needs the polish, which features and is_polished=False exclude")
     if priors:
@@ -372,7 +372,7 @@ def polish(
 
 def estimate_jointly(
     data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
-) -> Joint:
+) -> JointEstimate:
     """Estimate intrinsics and the offset of the clock together with the pose; see `adjust.joint`."""
     doing = "estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"
     settings = config.jointly, config.polish, data.drive.time_offset_s

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from semcal_cli.checks.families import check_data, check_pose, check_stages
 from semcal_cli.estimation.adjust.deskewed import Deskewed
-from semcal_cli.estimation.adjust.joint import Joint
+from semcal_cli.estimation.adjust.joint import JointEstimate
 from semcal_cli.estimation.adjust.priors import Fused
 from semcal_cli.estimation.refine.polish import Polish
 from semcal_cli.estimation.refine.pyramid import Refinement
@@ -67,7 +67,7 @@ class Stages:
     deskewed: Deskewed | None = None
     """Pose with sweeps deskewed by the speed that they show; None where there is nothing to deskew."""
     polished: Polish | None = None
-    joint: Joint | None = None
+    joint: JointEstimate | None = None
     """Joint estimate of the pose with intrinsics or the time offset."""
     fused: Fused | None = None
     assessment: Assessment | None = None

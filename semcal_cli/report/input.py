@@ -31,7 +31,7 @@ from semcal_cli.result.provenance import hash_input
 from semcal_cli.result.sections import InputFrame
 
 
-class Before(NamedTuple):
+class ComparedTransform(NamedTuple):
     """Another transform to compare with."""
 
     caption: str
@@ -51,7 +51,7 @@ class ReportInput:
     T_camera_lidar: Pose
     record: CalibrationDocument | None
     """Calibration that semcal wrote with the transform; None if the file holds nothing else."""
-    before: Before | None
+    before: ComparedTransform | None
     """Another transform to compare with."""
     drive: Drive
     """The drive of the frames, with the camera and the clock that were estimated together with the transform."""
@@ -104,7 +104,7 @@ def read_report_input(
     if against is not None:
         other = read_reference(against, direction)
         applied = apply_result(other.record, drive, str(against))
-        before = Before(str(against), other.T_camera_lidar, *applied)
+        before = ComparedTransform(str(against), other.T_camera_lidar, *applied)
     extrinsic = read_reference(calibration, direction)
     return make_report_input(drive, str(calibration), extrinsic.T_camera_lidar, extrinsic.record, before)
 
@@ -114,7 +114,7 @@ def make_report_input(
     name: str,
     T_camera_lidar: Pose,
     record: CalibrationDocument | None,
-    before: Before | None = None,
+    before: ComparedTransform | None = None,
 ) -> ReportInput:
     """Read the frames that a transform was computed from, or else those that differ most.
 
@@ -132,7 +132,9 @@ def make_report_input(
     if before is None and record is not None:
         stage = next(iter(record.stages.values()), None)
         if stage is not None and stage.T_camera_lidar != record.rows_camera_lidar:
-            before = Before("the first stage", np.array(stage.T_camera_lidar), as_begun(record, drive))
+            before = ComparedTransform(
+                "the first stage", np.array(stage.T_camera_lidar), as_begun(record, drive)
+            )
     drive, changes = apply_result(record, drive, name)
     used_drive, notices = (None, []) if record is None else _find_frames(drive, record)
     differences = apply_result(record, drive, name).sentences

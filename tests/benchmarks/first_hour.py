@@ -29,7 +29,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.importing import read_dataset
-from semcal_cli.importing.choice import Options
+from semcal_cli.importing.choice import FrameChoice
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.importing.recording import Request
 from semcal_cli.observations.reading import read_clouds
@@ -61,7 +61,7 @@ def write(folder: Path, kind: str, drive: Path, T_camera_lidar: Pose) -> Path:
 def main(data: Path, *, output: Path, only: str = "", places: int = 14) -> Iterator[str]:
     """Write the recordings, calibrate each, and print the table."""
     recording = read_dataset("kitti-object", Request(data.resolve() / "kitti_object"))
-    drive = write_drive(recording, Options(max_frames=places), output / "kitti", force=True).path
+    drive = write_drive(recording, FrameChoice(max_frames=places), output / "kitti", force=True).path
     T_true = read_transform(drive)
     T_start = displace(T_true, START_DEG, START_M, np.random.default_rng(1))
 

@@ -32,7 +32,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.importing import read_dataset
-from semcal_cli.importing.choice import Options
+from semcal_cli.importing.choice import FrameChoice
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.importing.kitti_motion import MOMENT_S, SPIN, poses_along
 from semcal_cli.importing.recording import Request
@@ -62,7 +62,7 @@ def drives(data: Path, folder: Path) -> Iterator[tuple[str, Drive]]:
     """Make the drives with their motion, and name them."""
     if (data / "kitti_raw_right").is_dir():
         recording = read_dataset("kitti-raw", Request(data / "kitti_raw_right", "2011_09_26", "image_03"))
-        yield "KITTI raw, right camera", write_drive(recording, Options(), folder / "raw").drive
+        yield "KITTI raw, right camera", write_drive(recording, FrameChoice(), folder / "raw").drive
     if (data / "kitti360_street").is_dir():
         (real,) = READERS["kitti360_street"](data / "kitti360_street", folder)
         listed = json.loads((data / "kitti360_street/calib.json").read_text())["frames"]

@@ -19,7 +19,7 @@ from semcal_argoverse2.feather_tables import read_columns, read_sensors
 from semcal_cli.config.nanoseconds import NS
 from semcal_cli.drive.frame_ids import FrameIds
 from semcal_cli.errors import InputError
-from semcal_cli.formats.node import MAX_WORLD_M, camera_block, image_side, pick, rigid, stamp_s
+from semcal_cli.formats.node import MAX_WORLD_M, checked_camera_block, image_side, pick, rigid, stamp_s
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, pose_from_quaternion
 from semcal_cli.importing import reads
@@ -109,7 +109,7 @@ def _camera(path: Path, row: Mapping[str, float]) -> dict[str, Any]:
     """Make the camera block of undistorted images."""
     K = [[row["fx_px"], 0.0, row["cx_px"]], [0.0, row["fy_px"], row["cy_px"]], [0.0, 0.0, 1.0]]
     width, height = (image_side(f"{path}: {key}", row[key]) for key in ("width_px", "height_px"))
-    return camera_block(path, {"model": "plumb_bob", "width": width, "height": height, "K": K}, {})
+    return checked_camera_block(path, {"model": "plumb_bob", "width": width, "height": height, "K": K}, {})
 
 
 def _files(log: Path, folder: str, suffix: str) -> dict[int, Path]:

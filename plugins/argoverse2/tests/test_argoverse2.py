@@ -17,7 +17,7 @@ from semcal_argoverse2.dataset import read
 
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.importing.choice import Options
+from semcal_cli.importing.choice import FrameChoice
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.importing.recording import Request
 from semcal_cli.observations.motion import compensated
@@ -104,7 +104,7 @@ def pose_at(moment_ns: int) -> tuple[float, ...]:
 
 
 def imported(root: Path, out: Path, **asked: str) -> Drive:
-    return read_drive(write_drive(read(Request(root, **asked)), Options(), out).path)
+    return read_drive(write_drive(read(Request(root, **asked)), FrameChoice(), out).path)
 
 
 def projected(drive: Drive) -> list[np.ndarray]:

@@ -23,7 +23,7 @@ from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.input_files import read_text
-from semcal_cli.formats.node import MAX_WORLD_M, Node, camera_block, pick, rigid, stamp_s
+from semcal_cli.formats.node import MAX_WORLD_M, Node, checked_camera_block, pick, rigid, stamp_s
 from semcal_cli.formats.pose import from_rows
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, pose_from_quaternion
@@ -80,7 +80,9 @@ def _camera(calibration: Node, image: Path) -> dict[str, Any]:
     width, height = image_size(image)
     block = {"model": "plumb_bob", "width": width, "height": height}
     keys = {"K": K.key, "distortion": distortion.key}
-    return camera_block(calibration.file, block | {"K": K.value, "distortion": distortion.value}, keys)
+    return checked_camera_block(
+        calibration.file, block | {"K": K.value, "distortion": distortion.value}, keys
+    )
 
 
 def _mounting(node: Node) -> Pose:

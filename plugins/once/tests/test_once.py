@@ -16,7 +16,7 @@ from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.importing.choice import Options
+from semcal_cli.importing.choice import FrameChoice
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.importing.recording import Request
 from semcal_cli.observations.motion import compensated, displacements
@@ -96,7 +96,7 @@ def root(tmp_path: Path) -> Path:
 
 
 def imported(root: Path, out: Path, **asked: str) -> Drive:
-    return read_drive(write_drive(read(Request(root, **asked)), Options(), out).path)
+    return read_drive(write_drive(read(Request(root, **asked)), FrameChoice(), out).path)
 
 
 def devkit_points(root: Path, index: int) -> np.ndarray:

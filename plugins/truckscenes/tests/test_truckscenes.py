@@ -14,7 +14,7 @@ from semcal_truckscenes.dataset import read
 
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.importing.choice import Options
+from semcal_cli.importing.choice import FrameChoice
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.importing.recording import Request
 from semcal_cli.observations.motion import compensated
@@ -148,7 +148,7 @@ def write_scene(root: Path, *, is_still: bool) -> Path:
 
 
 def imported(root: Path, out: Path, **asked: str) -> Drive:
-    return read_drive(write_drive(read(Request(root, **asked)), Options(), out).path)
+    return read_drive(write_drive(read(Request(root, **asked)), FrameChoice(), out).path)
 
 
 def points_camera(drive: Drive) -> list[np.ndarray]:

@@ -21,7 +21,7 @@ from semcal_cli.formats.node import (
     MAX_STAMP_S,
     MAX_WORLD_M,
     Node,
-    camera_block,
+    checked_camera_block,
     image_side,
     number,
     pick,
@@ -103,7 +103,7 @@ def _camera(calibration: Node) -> dict[str, Any]:
         "distortion": calibration.at("distortion").numbers(4),
     }
     keys = {"K": "FC.intrinsics", "distortion": "FC.distortion"}
-    return camera_block(calibration.file, block, keys)
+    return checked_camera_block(calibration.file, block, keys)
 
 
 def _find_frames(folder: Path, camera: str) -> list[SourceFrame]:

@@ -22,7 +22,7 @@ from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.importing.choice import Options
+from semcal_cli.importing.choice import FrameChoice
 from semcal_cli.importing.drive_folder import write_drive
 from semcal_cli.importing.recording import Request
 from semcal_cli.observations.motion import compensated
@@ -100,7 +100,7 @@ def root(tmp_path: Path) -> Path:
 
 
 def imported(root: Path, out: Path) -> Drive:
-    return read_drive(write_drive(read(Request(root)), Options(), out).path)
+    return read_drive(write_drive(read(Request(root)), FrameChoice(), out).path)
 
 
 def test_points_lie_where_the_devkit_projects_them(root: Path, tmp_path: Path) -> None:

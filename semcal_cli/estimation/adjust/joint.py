@@ -35,7 +35,7 @@ DELAY_NOT_DETERMINED = f"the time offset is {NOT_DETERMINED}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joint(StageResult):
+class JointEstimate(StageResult):
     """Joint estimate of the pose, intrinsics and time offset; the pose before it where it is not kept."""
 
     observations: Observations
@@ -73,7 +73,7 @@ def fit_jointly(
     config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float = 0.0,
-) -> Joint:
+) -> JointEstimate:
     """Estimate intrinsics and the time offset together with the pose.
 
     With a rolling shutter, an estimate that is kept changes the lines of points, and everything is estimated once more.
@@ -98,7 +98,7 @@ def _estimate(
     config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float,
-) -> Joint:
+) -> JointEstimate:
     """Estimate once, with points that stay on their lines."""
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     adjusted, asked = replace(observations, camera=camera), Variables(config.intrinsics, config.with_delay)
@@ -129,7 +129,7 @@ def _estimate(
     ]
     if clock is not None and clock.is_determined:
         words.append(f"clock {1e3 * clock.time_offset_s:+.1f} ms")
-    return Joint(
+    return JointEstimate(
         T_camera_lidar=T,
         agreement=core.agreement(after.core, T),
         settings={"jointly": asdict(config)},

@@ -47,7 +47,7 @@ from semcal_cli.importing.bags.stamped_pairs import Pairing
 from semcal_cli.importing.bags.topics import BagRequest, choose_topics
 from semcal_cli.importing.bags.transforms import optical_frame, reference
 from semcal_cli.importing.bags.video import Video
-from semcal_cli.importing.choice import Options
+from semcal_cli.importing.choice import FrameChoice
 from semcal_cli.importing.drive_folder import WrittenDrive, check_may_replace, write_drive
 from semcal_cli.importing.motion_agreement import compare_motions
 from semcal_cli.importing.recording import Recording, SourceFrame
@@ -146,7 +146,7 @@ class _Import:
         chosen, written_frames = self._write_frames(writer, wanted_ns)
         motion, frames = self._write_motion(written_frames, odometry)
         recording = self._recording(mounting, motion, frames)
-        written = write_drive(recording, Options(), self.path, force=True)
+        written = write_drive(recording, FrameChoice(), self.path, force=True)
         pairs = [candidate.pair for candidate in chosen]
         sweeps_ns = {pair.sweep_ns: pair.sweep.received_ns for pair in pairs}
         return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out, sweeps_ns)

@@ -179,7 +179,7 @@ def register_sweeps(sweeps: SweepPairs, T_start: Pose) -> Registration | NotRegi
     left_out = sweeps.left_out + Counter(cause for cause in results if isinstance(cause, str))
     if len(registered) < MIN_PAIRS:
         return NotRegistered(len(registered), left_out)
-    mean, scatter = robust_mean(np.array([twist_between(T, T_start) for T in registered]))
+    mean, scatter = robust_mean_of_vectors(np.array([twist_between(T, T_start) for T in registered]))
     errors = np.hypot(scatter, np.repeat([FLOOR_M, math.radians(FLOOR_DEG)], 3))
     # Only the scatter is estimated (Satterthwaite). The weights cost about as much as one more value.
     freedom = (len(registered) - 2) * (errors / np.maximum(scatter, errors / MANY)) ** 4
@@ -194,7 +194,7 @@ def register_sweeps(sweeps: SweepPairs, T_start: Pose) -> Registration | NotRegi
     )
 
 
-def robust_mean(values: Vectors) -> tuple[Numbers, Numbers]:
+def robust_mean_of_vectors(values: Vectors) -> tuple[Numbers, Numbers]:
     """Compute the mean of vectors, in which a few may be far off, by weights of Student's t.
 
     Args:
