@@ -14,6 +14,7 @@ from semcal_cli.config import AdjustmentConfig, CalibrationConfig, PolishConfig,
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.lidar import Lidar, Spin
+from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.estimation.adjust import deskewed as speeds
 from semcal_cli.estimation.adjust.deskewed import deskew
 from semcal_cli.estimation.refine.polish import newton
@@ -28,9 +29,9 @@ from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_points
 from semcal_cli.observations.skew import Skew
 from semcal_cli.pipeline import refine_and_polish
-from semcal_cli.pipeline.assessment import _AssessedPose
+from semcal_cli.pipeline.assessment import _AssessedPose, check_motion
 from semcal_cli.pipeline.calibration import deskew_sweeps, start_at
-from semcal_cli.pipeline.stages import Stages
+from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.report.input import read_report_input
 
 SPIN: dict[str, Any] = {"rate_hz": 10.0, "clockwise": True, "seam_deg": 180.0}
@@ -230,6 +231,33 @@ def test_a_speed_does_not_hide_a_wrong_principal_point(
     config = RefinementConfig(jointly=AdjustmentConfig(intrinsics=("cx",)))
     initial = start_at(data, InitialPose(street_truth, "truth"))
     assert refine_and_polish(data, initial, config).deskewed is None
+
+
+def test_a_stated_motion_that_leaves_a_speed_is_doubted(
+    skewed: Observations, street_observations: Observations, street: Path, street_truth: Pose
+) -> None:
+    """Sweeps at 20 m/s of a rig that is said to stand, and unskewed ones of a rig that stands."""
+    data = load(read_drive(street))
+    stated = {
+        "lidar": Lidar.model_validate({"spin": spin_at(street_truth)}),
+        "synchronization": "hardware",
+        "motion": Motion(speed_m_s=0.0),
+    }
+
+    def topics(observations: Observations, **others: object) -> list[str]:
+        drive = data.drive.model_copy(update=stated | others)
+        seen = replace(data, drive=drive, observations=observations)
+        stages = Stages.from_refined(
+            seen, start_at(seen, InitialPose(street_truth, "truth")), None, is_compensated=True
+        )
+        checked = check_motion(seen, replace(stages, assessment=Assessment())).assessment
+        assert checked is not None
+        return [finding.topic for finding in checked.findings]
+
+    assert topics(skewed) == ["wrong-motion"]
+    assert topics(street_observations) == []
+    # A speed without a direction deskews nothing.
+    assert topics(skewed, motion=Motion(speed_m_s=20.0)) == []
 
 
 def test_a_result_is_deskewed_and_states_the_speed(

@@ -47,6 +47,7 @@ from semcal_cli.checks import (
     wide_interval,
     wrong_clocks,
     wrong_intrinsics,
+    wrong_motion,
     wrong_origin,
     wrong_pairing,
 )
@@ -94,6 +95,7 @@ ALL_CHECKS: tuple[Check, ...] = (
     motion_unstated.SHUTTER,
     baseline.FAR_CAMERA,
     prior.PRIOR,
+    wrong_motion.WRONG_MOTION,
     implausible_intrinsics.IMPLAUSIBLE_INTRINSICS,
     narrow_view.NARROW_VIEW,
     image_sizes.IMAGE_SIZE,

@@ -20,10 +20,12 @@ from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.checks.scale import check_scale
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.wrong_intrinsics import check_intrinsics
+from semcal_cli.checks.wrong_motion import check_stated_motion
 from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import K_ENTRIES, sigma_of
 from semcal_cli.errors import counted
 from semcal_cli.estimation.adjust.clock import KNOW_MOTION, ClockUncertainty, notes_on_clock
+from semcal_cli.estimation.adjust.deskewed import remaining_speed
 from semcal_cli.estimation.adjust.intrinsics_estimate import IntrinsicsEstimate, estimate_intrinsics
 from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
 from semcal_cli.estimation.uncertainty.covariance import (
@@ -44,6 +46,7 @@ from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.findings.symptoms import CLOCKS, OF_A_LOST_POSE, UNTIED_CLOCKS
 from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.skew import Skew
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
@@ -340,6 +343,19 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
         measured += aligned.measured
         notes += aligned.notes
     return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured)
+
+
+def check_motion(data: LoadedDrive, stages: Stages) -> Stages:
+    """Check that the stated motion leaves no speed in the sweeps; a speed without a direction cannot be checked."""
+    motion, assessment = data.drive.motion, stages.assessment
+    if motion is None or assessment is None or motion.speed_m_s:
+        return stages
+    skew = Skew.of(data.drive.model_copy(update={"motion": None}), stages.T_camera_lidar)
+    left = None if skew is None else remaining_speed(data.observations, skew, stages.T_camera_lidar)
+    if left is None:
+        return stages
+    sigma_m_s = 0.0 if motion.sigma is None else motion.sigma.linear_m_s
+    return replace(stages, assessment=assessment.with_measured(check_stated_motion(left, sigma_m_s)))
 
 
 def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignore) -> Stages:

@@ -48,7 +48,7 @@ from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.skew import Skew
-from semcal_cli.pipeline.assessment import assess as assess, compare_motion
+from semcal_cli.pipeline.assessment import assess as assess, check_motion, compare_motion
 from semcal_cli.pipeline.conclusion import make_calibration
 from semcal_cli.pipeline.cross_validation import estimate_folds, split_scenes
 from semcal_cli.pipeline.mountings import resolve_mountings
@@ -93,6 +93,7 @@ def calibrate(
         data, initial, config.refinement, config.seed, priors, on_event, candidates=candidates
     )
     stages = assess(data, stages, config.refinement, on_event)
+    stages = check_motion(data, stages)
     stages = compare_motion(data, stages, on_event)
     if config.num_folds > 1:
         stages = cross_validate(data, stages, config, on_event)

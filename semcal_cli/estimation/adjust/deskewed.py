@@ -167,6 +167,18 @@ def deskew(
     )
 
 
+def remaining_speed(observations: Observations, skew: Skew, T_camera_lidar: Pose) -> MeasuredSpeed | None:
+    """Estimate the speed that sweeps still show after they were deskewed, whatever cx is; None if they show none.
+
+    Args:
+        observations: Deskewed points, and the images.
+        skew: How another speed would skew them.
+        T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
+    """
+    fits = _fit_speeds(observations, skew, T_camera_lidar, POLISH_WITH_CX)
+    return None if fits is None else _find_maximum(fits)
+
+
 def _for_intrinsics(observations: Observations, skew: Skew, near: _Fit) -> tuple[Observations, Pose]:
     """Deskew by the speed that is found together with cx; without one, take sweeps as they are."""
     T = near.T_camera_lidar
