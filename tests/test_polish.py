@@ -141,7 +141,7 @@ def test_the_pose_that_counts_is_the_one_that_has_to_settle(
     # As if held-out data had to get better by a lot, and poses had to move by less than nothing.
     polish_config = PolishConfig(max_loss=3.0 if accepted else -1e6, settled_px=0.1 if settled else -1.0)
     pyramid = partial(PyramidConfig, max_final_drift=1e6 if converged else -1.0)
-    monkeypatch.setattr(pipeline.calibration, "PyramidConfig", pyramid)
+    monkeypatch.setattr(pipeline.pose_stages, "PyramidConfig", pyramid)
     data = LoadedDrive(read_drive(street), street_observations)
     initial = pipeline.start_at(data, InitialPose(street_truth, "truth"))
     stages = pipeline.refine_and_polish(data, initial, RefinementConfig(polish=polish_config))

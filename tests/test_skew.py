@@ -30,7 +30,7 @@ from semcal_cli.observations.reading import load_points
 from semcal_cli.observations.skew import Skew
 from semcal_cli.pipeline import refine_and_polish
 from semcal_cli.pipeline.assessment import _AssessedPose, check_motion
-from semcal_cli.pipeline.calibration import deskew_sweeps, start_at
+from semcal_cli.pipeline.pose_stages import deskew_sweeps, start_at
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.report.input import read_report_input
 

@@ -12,8 +12,8 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.events import Listener, ignore
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.assessment import assess
-from semcal_cli.pipeline.calibration import deskew_sweeps, polish, refine_and_polish, start_at
 from semcal_cli.pipeline.conclusion import make_calibration
+from semcal_cli.pipeline.pose_stages import deskew_sweeps, polish, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import CalibrationDocument
 

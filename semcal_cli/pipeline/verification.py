@@ -40,7 +40,8 @@ from semcal_cli.geometry.poses import (
 )
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import twists_per_s
-from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
+from semcal_cli.pipeline.assessment import assess
+from semcal_cli.pipeline.pose_stages import initialize, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.pipeline.verdict import (
     CLOCK,
