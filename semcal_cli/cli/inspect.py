@@ -178,12 +178,19 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
             "camera",
             f"{across:.1f} x {down:.1f} degrees (inspect does not check intrinsics)",
         ),
+        *([] if report.hidden_shares is None else [("mask", _hidden(*report.hidden_shares))]),
         *([] if report.image_levels is None else [("images", _levels(*report.image_levels))]),
         *([] if of_points is None else [("points", _commonest(of_points))]),
         *([] if of_pixels is None else [("pixels", _commonest(of_pixels))]),
         *(("network", line) for line in report.networks),
         *([("both sides", ", ".join(report.shared_classes))] if report.shared_classes else []),
     ]
+
+
+def _hidden(low: float, high: float) -> str:
+    """Describe how much masks hide."""
+    shares = [f"{share:.1%}" for share in (low, high)]
+    return f"hides {' to '.join(dict.fromkeys(shares))} of the image"
 
 
 def _levels(black: int, white: int) -> str:
