@@ -119,7 +119,10 @@ def test_a_mask_is_proposed_from_what_never_changes(tmp_path):
     write_images(tmp_path, images)
     result = invoke("inspect", tmp_path, "--find-mask", tmp_path / "mask.png")
     assert result.exit_code == 0, result.output
-    assert "of the image never change; look at it, and use it as camera: {mask: mask.png}" in result.stderr
+    assert (
+        "of the image never change; look at it, and use it as `mask: mask.png` under `camera:`"
+        in result.stderr
+    )
     found = read_image(tmp_path / "mask.png", (320, 120))[..., 0] == 0
     assert found[is_bonnet].mean() > 0.95
     assert found[~is_bonnet].mean() < 0.05

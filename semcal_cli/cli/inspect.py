@@ -104,7 +104,7 @@ def _write_mask(drive: Drive, path: Path) -> None:
         click.echo(f"no mask is needed: everything changes over the images of {drive.path}", err=True)
         return
     write_image((255 * is_scene).astype("uint8"), path)
-    use = f"look at it, and use it as camera: {{mask: {os.path.relpath(path, drive.root)}}}"
+    use = f"look at it, and use it as `mask: {os.path.relpath(path, drive.root)}` under `camera:`"
     click.echo(f"wrote {path}: {share:.1%} of the image never change; {use}", err=True)
 
 
