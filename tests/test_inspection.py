@@ -220,7 +220,7 @@ def test_the_motion_is_told(tmp_path: Path) -> None:
     assert "frames have the same motion" not in " ".join(report.advice)
     line = next(line for line in invoke("inspect", drive).stdout.splitlines() if line.startswith("motion"))
     assert line.startswith(
-        f"motion      frames span 2 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, with turns up to "
+        f"motion      frames span 2.0 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, with turns up to "
     )
     lines = (drive / "poses.txt").read_text().splitlines(keepends=True)
     (drive / "poses.txt").write_text("".join(lines[:-1]))

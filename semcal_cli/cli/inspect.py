@@ -29,6 +29,8 @@ NUM_NAMED = 4
 NUM_NAMED_FRAMES = 3
 """Number of frames that a finding about several frames names."""
 LABEL_WIDTH = 12
+FEW_SECONDS = 10.0
+"""Time below which tenths of a second are printed."""
 WIDE = 240
 """Width of the table of frames on a pipe, in columns."""
 
@@ -200,13 +202,12 @@ def _levels(black: int, white: int) -> str:
 
 def _motion(report: DriveReport, span_s: float) -> str:
     """Describe how long the drive is and how fast it moves."""
+    span = f"frames span {span_s:.{1 if span_s < FEW_SECONDS else 0}f} s"
     if report.speeds_m_s is None or report.fastest_turn_deg_s is None:
-        return f"frames span {span_s:.0f} s; no poses, no twist"
+        return f"{span}; no poses, no twist"
     low, high = report.speeds_m_s
-    return (
-        f"frames span {span_s:.0f} s, at {low:.1f} to {high:.1f} m/s, with turns up to "
-        f"{report.fastest_turn_deg_s:.0f} degrees per second"
-    )
+    turns = f"turns up to {report.fastest_turn_deg_s:.0f} degrees per second"
+    return f"{span}, at {low:.1f} to {high:.1f} m/s, with {turns}"
 
 
 def _table(report: DriveReport) -> Table:
