@@ -126,8 +126,11 @@ def test_a_mask_is_proposed_from_what_never_changes(tmp_path):
     found = read_image(tmp_path / "mask.png", (320, 120))[..., 0] == 0
     assert found[is_bonnet].mean() > 0.95
     assert found[~is_bonnet].mean() < 0.05
+    # What never changes may also be the sky and the vanishing point.
+    is_far = ((u > 40) & (u < 120) & (v < 40)) | ((u > 180) & (u < 250) & (v > 20) & (v < 80))
     for others, message in (
-        (scenes, "no mask is needed: everything changes over the images of"),
+        ([np.where(is_far, bonnet, scene) for scene in scenes], "no mask is needed"),
+        (scenes, "no mask is needed: all that reaches into the images of"),
         (images[:1] * 12, "half of the pixels change by 0.0 grey values or less over 12 images, needed 10"),
         (images[:3], "found 3 images, needed 8 to find a mask"),
     ):

@@ -44,8 +44,8 @@ class InspectSettings:
     with_frames: bool = option("Also print one row per frame.", "--frames", default=False)
     as_json: bool = json_flag()
     find_mask: Path | None = option(
-        "Only propose a mask, .png: black where images never change while the rig moves, as on the car's own bonnet. "
-        "Look at it before you use it as camera.mask.",
+        "Only propose a mask, .png: black where images never change while the rig moves, next to the lower border or a "
+        "side, as on the car's own bonnet. Look at it before you use it as camera.mask.",
         metavar="FILE",
     )
     max_points: int = max_points()
@@ -103,7 +103,8 @@ def _write_mask(drive: Drive, path: Path) -> None:
     is_scene = propose_mask(drive)
     share = 1.0 - is_scene.mean()
     if not share:
-        click.echo(f"no mask is needed: everything changes over the images of {drive.path}", err=True)
+        what = f"all that reaches into the images of {drive.path} from below or from a side changes"
+        click.echo(f"no mask is needed: {what}", err=True)
         return
     write_image((255 * is_scene).astype("uint8"), path)
     use = f"look at it, and use it as `mask: {os.path.relpath(path, drive.root)}` under `camera:`"
