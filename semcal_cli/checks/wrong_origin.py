@@ -32,14 +32,8 @@ WRONG_ORIGIN = Check(
             ),
         ),
         meaning="Seen from the stated place, near surfaces lie behind far ones, and what looks like an edge is none.",
-        cause=(
-            "Points are in the frame of the vehicle, as those of DDAD and Argoverse 2, or of the world; or their "
-            "coordinates were read from the wrong columns."
-        ),
-        remedy=(
-            "State `origin_m: [x, y, z]` under `lidar:`. The place named is good to 20 cm; the data set's own is "
-            "better. Places up to 4 m away are searched."
-        ),
+        cause="Points are in the frame of the vehicle, as those of DDAD and Argoverse 2, or columns are swapped.",
+        remedy="State `origin_m: [x, y, z]` under `lidar:`. The place is good to 20 cm; the data set's own is better.",
     ),
 )
 MIN_RATIO = 2.0
