@@ -20,6 +20,8 @@ from pathlib import Path
 
 MAX_LISTED = 8
 MAX_LISTED_LENGTH = 40
+NUM_SHARED = 8
+"""Characters before the first that differs that are shown of names that begin alike."""
 MAX_COMPARED, MAX_COMPARED_LENGTH = 1000, 64
 """Maximum number of names that are compared with another one, and of their characters: the time grows with the square
 of the length, and a file can hold any name."""
@@ -149,8 +151,8 @@ def one_of(name: str, choices: Iterable[str]) -> str:
     if not names:
         return "one, but there is none"
     if len(names) > MAX_LISTED:
-        return f"one of {len(names)}, nearest: {', '.join(map(_cut, nearest(name, names, MAX_LISTED)))}"
-    return f"one of: {', '.join(map(_cut, names))}" if len(names) > 1 else _cut(names[0])
+        return f"one of {len(names)}, nearest: {', '.join(_short(nearest(name, names, MAX_LISTED)))}"
+    return f"one of: {', '.join(_short(names))}" if len(names) > 1 else _cut(names[0])
 
 
 def nearest(name: str, names: Iterable[str], count: int) -> list[str]:
@@ -162,7 +164,7 @@ def nearest(name: str, names: Iterable[str], count: int) -> list[str]:
 
 def listed(names: Iterable[object]) -> str:
     """List names found in a file, and count those beyond the first `MAX_LISTED`."""
-    return ", ".join(first_of([_cut(str(name)) for name in names], MAX_LISTED)) or "none"
+    return ", ".join(first_of(_short([str(name) for name in names]), MAX_LISTED)) or "none"
 
 
 def shell(*words: object) -> str:
@@ -185,6 +187,16 @@ def first_of(lines: Sequence[str], max_lines: int) -> list[str]:
 
 def _cut(name: str) -> str:
     return name if len(name) <= MAX_LISTED_LENGTH else f"{name[: MAX_LISTED_LENGTH - 3]}..."
+
+
+def _short(names: list[str]) -> list[str]:
+    """Cut long names at their end, or up to where they differ, if they would be alike."""
+    short = [_cut(name) for name in names]
+    if len({*short}) == len({*names}):
+        return short
+    ends = zip(min(names), max(names), strict=False)
+    start = next((place for place, (one, other) in enumerate(ends) if one != other), 0)
+    return [f"...{_cut(name[max(start - NUM_SHARED, 0) :])}" for name in names]
 
 
 def reason(error: BaseException) -> str:

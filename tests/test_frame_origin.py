@@ -231,17 +231,21 @@ def test_all_solvers_of_a_calibration_get_its_settings(
 ROOF_M = np.array([1.2, -0.3, 1.7], np.float32)
 
 
-@pytest.fixture
-def vehicle(fine_street: Path, tmp_path: Path) -> Path:
-    """The street in the frame of a vehicle, whose LiDAR is on the roof."""
-    folder = tmp_path / "drive"
-    shutil.copytree(fine_street, folder)
+def with_sweeps_moved(street: Path, folder: Path, by_m: np.ndarray) -> Path:
+    """A copy of a drive whose points are moved."""
+    shutil.copytree(street, folder)
     for path in (folder / "points").iterdir():
         columns = np.fromfile(path, np.float32).reshape(-1, 4)
         is_return = columns[:, :3].any(axis=1)
-        columns[is_return, :3] += ROOF_M
+        columns[is_return, :3] += by_m
         columns.tofile(path)
     return folder
+
+
+@pytest.fixture
+def vehicle(fine_street: Path, tmp_path: Path) -> Path:
+    """The street in the frame of a vehicle, whose LiDAR is on the roof."""
+    return with_sweeps_moved(fine_street, tmp_path / "drive", ROOF_M)
 
 
 def stating(drive: Path, origin_m: Sequence[float]) -> Path:
@@ -252,10 +256,17 @@ def stating(drive: Path, origin_m: Sequence[float]) -> Path:
 
 def test_the_origin_is_found_from_the_points_and_stated(vehicle: Path) -> None:
     (said,) = (text for text in inspect(read_drive(vehicle)).suspicions if "origin_m" in text)
-    (line,) = re.findall(r"`lidar: {origin_m: \[(.*?)\]}`", said)
+    (line,) = re.findall(r"`origin_m: \[(.*?)\]` under `lidar:`", said)
     origin_m = [float(number) for number in line.split(", ")]
     np.testing.assert_allclose(origin_m, ROOF_M, atol=0.3)
     assert not inspect(read_drive(stating(vehicle, origin_m))).suspicions
+
+
+def test_an_origin_at_the_limit_of_the_search_is_not_proposed(fine_street: Path, tmp_path: Path) -> None:
+    far = with_sweeps_moved(fine_street, tmp_path / "drive", np.array([5.0, 0.0, 1.7], np.float32))
+    (said,) = (text for text in inspect(read_drive(far)).suspicions if "neighbouring rays" in text)
+    assert "the rays seem to start farther away, or the columns of the files are mixed up" in said
+    assert "origin_m" not in said
 
 
 def test_segments_are_labelled_as_seen_from_where_rays_start(fine_street: Path, vehicle: Path) -> None:

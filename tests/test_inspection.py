@@ -180,6 +180,19 @@ def test_files_that_cannot_be_read_are_named_and_the_others_are_looked_at(drive:
     assert any("grey.png: found 8 bytes of an unknown format" in line for line in report.suspicions)
 
 
+def test_the_size_of_every_image_is_looked_at(drive: Path) -> None:
+    write_image(np.zeros((HIGH, WIDE - 20), np.uint8), drive / "narrow.png")
+    write_image(np.zeros((HIGH, WIDE - 20), np.uint8), drive / "other.png")
+    with edited(drive) as document:
+        first = document["frames"][0]
+        document["frames"] = [first, *document["frames"], *[first | {"image": f"{n}.png"} for n in range(6)]]
+        document["frames"][2]["image"], document["frames"][3]["image"] = "narrow.png", "other.png"
+    suspicions = looked_at(drive).suspicions
+    assert "narrow.png and 1 more are 620 x 360, the camera's images are 640 x 360" in suspicions
+    assert sum("no such file" in line for line in suspicions) == 4
+    assert "2 more images cannot be read" in suspicions
+
+
 def test_identical_files_are_named(drive: Path) -> None:
     first, second, *others = read_document(drive / DRIVE_FILE)["frames"]
     for kind in ("points", "point_labels", "image_labels", "image"):
@@ -220,7 +233,7 @@ def test_the_motion_is_told(tmp_path: Path) -> None:
     assert "frames have the same motion" not in " ".join(report.advice)
     line = next(line for line in invoke("inspect", drive).stdout.splitlines() if line.startswith("motion"))
     assert line.startswith(
-        f"motion      frames span 2 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, with turns up to "
+        f"motion      frames span 2.0 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, with turns up to "
     )
     lines = (drive / "poses.txt").read_text().splitlines(keepends=True)
     (drive / "poses.txt").write_text("".join(lines[:-1]))

@@ -162,6 +162,7 @@ def test_a_single_frame_does_not_confirm_k_by_edges(street: Path, street_truth: 
         (1600, 900, (1259.5, 1259.5, 807.3, 501.2), []),  # the farthest off of nuScenes' cameras
         (1920, 1200, (2813.6, 2808.3, 969.3, 624.0), []),  # RELLIS-3D
         (1920, 1080, (1000.0, 1000.0, 640.0, 360.0), ["cx", "cy"]),  # of 1280 x 720
+        (1408, 376, (552.6, 552.6, 682.0, 238.8), ["cy"]),  # KITTI-360, cropped above
         (1280, 720, (1000.0, 900.0, 640.0, 360.0), ["fx"]),  # squeezed
     ],
 )
@@ -176,3 +177,4 @@ def test_intrinsics_that_no_lens_has(
     notes = notes_on_intrinsics(camera, cost)
     assert len(notes) == len(named)
     assert all(" moves the pose by " in note for note in notes)
+    assert any("another size" in note for note in notes) == (len(named) == 2)

@@ -7,8 +7,10 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from commands import invoke
+from commands import invoke, unwrapped
 
+from semcal_cli.checks.inspection import inspect
+from semcal_cli.cli.inspect import LABEL_WIDTH
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.estimation.search.visual_motion import _features
@@ -117,12 +119,18 @@ def test_a_mask_is_proposed_from_what_never_changes(tmp_path):
     write_images(tmp_path, images)
     result = invoke("inspect", tmp_path, "--find-mask", tmp_path / "mask.png")
     assert result.exit_code == 0, result.output
-    assert "of the image never change; look at it, and use it as camera: {mask: mask.png}" in result.stderr
+    assert (
+        "of the image never change; look at it, and use it as `mask: mask.png` under `camera:`"
+        in result.stderr
+    )
     found = read_image(tmp_path / "mask.png", (320, 120))[..., 0] == 0
     assert found[is_bonnet].mean() > 0.95
     assert found[~is_bonnet].mean() < 0.05
+    # What never changes may also be the sky and the vanishing point.
+    is_far = ((u > 40) & (u < 120) & (v < 40)) | ((u > 180) & (u < 250) & (v > 20) & (v < 80))
     for others, message in (
-        (scenes, "no mask is needed: everything changes over the images of"),
+        ([np.where(is_far, bonnet, scene) for scene in scenes], "no mask is needed"),
+        (scenes, "no mask is needed: all that reaches into the images of"),
         (images[:1] * 12, "half of the pixels change by 0.0 grey values or less over 12 images, needed 10"),
         (images[:3], "found 3 images, needed 8 to find a mask"),
     ):
@@ -162,18 +170,43 @@ def test_another_mask_makes_no_other_camera(street):
         ("small.png", "small.png: found 8 x 8 pixels, needed 256 x 160"),
         ("black.png", "camera.mask: found no pixel that is left, expected some that show the scene"),
         ([[[-9, -9], [300, -9], [300, 300], [-9, 300]]], "camera.mask: found no pixel that is left"),
+        (
+            [BONNET, [[0, 170], [256, 170], [128, 300]]],
+            "camera.mask[1]: found a polygon outside the image of 256 x 160, expected corners [u, v] in pixels",
+        ),
+        (
+            "alpha.png",
+            "alpha.png: found a mask that is only in the transparency of the image, expected black where",
+        ),
     ],
 )
 def test_a_wrong_mask_is_an_error(street, tmp_path, mask, message):
     folder = copytree(street, tmp_path / "drive")
     write_image(np.zeros((8, 8), np.uint8), folder / "small.png")
     write_image(np.zeros((HEIGHT, WIDTH), np.uint8), folder / "black.png")
+    transparent = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
+    transparent[100:, :, 3] = 0
+    write_image(transparent, folder / "alpha.png")
     document = yaml.safe_load((folder / "drive.yaml").read_text())
     document["camera"]["mask"] = mask
     (folder / "drive.yaml").write_text(yaml.safe_dump(document))
     result = invoke("calibrate", folder)
     assert result.exit_code == 1
     assert message in str(result.exception)
+    inspected = invoke("inspect", folder)
+    assert message in f"{unwrapped(inspected.output, LABEL_WIDTH)} {inspected.exception}"
+
+
+def test_what_masks_hide_is_said(street, tmp_path):
+    folder = copytree(street, tmp_path / "drive")
+    top = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
+    top[:40, :, :3] = 0
+    write_image(top, folder / "top.png")
+    masked(folder, [[[0, 120], [255, 120], [255, 159], [0, 159]]], "top.png")
+    assert "mask        hides 25.0% to 50.0% of the image" in invoke("inspect", folder).output
+    masked(folder, None, "missing.png")
+    (suspicion,) = inspect(read_drive(folder)).suspicions
+    assert "missing.png: no such file or folder" in suspicion
 
 
 def test_pixels_beyond_the_lens_are_not_seen():

@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from commands import invoke
@@ -13,6 +14,7 @@ from semcal_cli.checks.registry import CHECKS
 from semcal_cli.cli.tables import figures, shown_reasons, verdict_lines
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.findings.finding import Finding
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import policy_of
 from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.result.next_steps import after_calibration
@@ -132,6 +134,24 @@ def test_the_likeliest_cause_comes_first(
     assert leading(finding.topic for finding in findings).num == num_first
     if start:
         assert not any("with --init" in finding.advice for finding in findings)
+
+
+@pytest.mark.parametrize(
+    ("topics", "moved_m", "is_doubted"),
+    [
+        (("other-pose", "wrong-pairing"), 0.2, False),
+        (("other-pose", "wrong-pairing"), 0.4, True),
+        (("other-pose", "other-azimuth"), 0.2, True),
+    ],
+)
+def test_a_near_start_is_not_doubted_for_what_good_starts_have(
+    topics: tuple[str, ...], moved_m: float, is_doubted: bool
+) -> None:
+    T = np.eye(4)
+    T[0, 3] = moved_m
+    moved = compare_poses(T, np.eye(4))
+    findings = diagnosed(found(*topics), weak=(), start="a.yaml", near_only=("edges",), moved=moved)
+    assert (findings[0].topic == "far-start") == is_doubted
 
 
 def test_nothing_explains_itself_in_a_circle() -> None:

@@ -123,6 +123,19 @@ def test_an_import_makes_the_same_drive(street: Path, given: tuple[Path, Pose], 
         np.testing.assert_array_equal(*map(read_image, images))
 
 
+def test_times_may_begin_at_zero(street: Path, given: tuple[Path, Pose], tmp_path: Path) -> None:
+    shutil.copytree(street, tmp_path / "drive")
+    with edited(tmp_path / "drive") as document:
+        for index, frame in enumerate(document["frames"]):
+            frame["points_stamp"] = frame["image_stamp"] = 0.1 * index
+    drive, out, again = read_drive(tmp_path / "drive"), tmp_path / "out.mcap", tmp_path / "again"
+    assert "note" not in run_cli("export", "mcap", drive.path, given[0], "-o", out).stderr
+    run_cli("import", "bag", out, "-o", again)
+    assert [frame.points_stamp for frame in read_drive(again).frames] == pytest.approx(
+        [frame.points_stamp for frame in drive.frames], abs=1e-6
+    )
+
+
 def test_without_times_frames_are_a_second_apart(
     street: Path, given: tuple[Path, Pose], tmp_path: Path
 ) -> None:

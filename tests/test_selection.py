@@ -39,8 +39,14 @@ def test_frames_are_chosen_and_left_out(street: Path) -> None:
     assert chosen_frames(drive, None, [drive.frames[0].points]).frames == drive.frames[1:]
     with pytest.raises(InputError, match=rf"--exclude: found no frame 'x', expected one of: {names[0]}, "):
         chosen_frames(drive, None, ["x"])
-    with pytest.raises(InputError, match=r"found no frame that is left of \d+ frames"):
+    with pytest.raises(
+        InputError, match=r"--frames and --exclude: found no frame that is left of \d+ frames"
+    ):
         chosen_frames(drive, slice(0, 1), [names[0]])
+    with pytest.raises(InputError, match=r"yaml: --frames: found no frame that is left of \d+ frames"):
+        chosen_frames(drive, slice(20, 30), [])
+    with pytest.raises(InputError, match=r"yaml: --exclude: found no frame that is left of \d+ frames"):
+        chosen_frames(drive, None, names)
     twice = drive.model_copy(update={"frames": (*drive.frames, drive.frames[0])})
     assert chosen_frames(twice, None, [drive.frames[0].points]).frames == drive.frames[1:]
     pair = drive.model_copy(update={"frames": drive.frames[:1] * 2})
@@ -51,6 +57,20 @@ def test_frames_are_chosen_and_left_out(street: Path) -> None:
     )
     used = [frame["points"] for frame in json.loads(run.stdout)["input"]["frames"]]
     assert used == [drive.frames[0].points, drive.frames[2].points]
+
+
+def test_long_names_that_begin_alike_are_told_apart(street: Path) -> None:
+    drive = read_drive(street)
+    folder = "2011_09_26_drive_0027_sync/velodyne_points/data"
+    frames = [
+        frame.model_copy(update={"points": f"{folder}/{index}/cloud.bin"})
+        for index, frame in enumerate(drive.frames)
+    ]
+    few = drive.model_copy(update={"frames": tuple(frames[:2])})
+    with pytest.raises(
+        InputError, match=r"expected one of: \.\.\.ts/data/0/cloud\.bin, \.\.\.ts/data/1/cloud\.bin$"
+    ):
+        chosen_frames(few, None, ["x"])
 
 
 def test_a_missing_label_image_is_named(street: Path) -> None:

@@ -25,10 +25,7 @@ WRONG_FOCAL_LENGTH = Check(
             ),
         ),
         meaning="The labels agree better after a refinement with another focal length.",
-        cause=(
-            "K belongs to images of another size or crop, or to another camera. With one frame, it "
-            "may be chance."
-        ),
+        cause="K belongs to images of another size, crop or camera. With one frame, it may be chance.",
         remedy=(
             "Compare K with `camera_info` and the size of the images. If they agree, calibrate with "
             "the option in the advice: [when K or the clock is "

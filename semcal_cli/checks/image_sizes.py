@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.image_files import read_image, read_size
+from semcal_cli.files.image_files import Size, read_image, read_size
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.observations.frame_selection import evenly_spaced
@@ -21,23 +23,31 @@ IMAGE_SIZE = Check(
     ),
 )
 NUM_PROBED = 4
-"""Number of images whose sizes are checked."""
+"""Number of images that are decoded, and largest number of images whose errors are listed."""
 
 
 def check_image_sizes(drive: Drive) -> list[str]:
-    """Check that some images can be read and have the size of the camera's images."""
-    named = [frame.image for frame in drive.frames if frame.image is not None]
-    sentences, (needed_width, needed_height) = [], drive.camera.size
-    for name in evenly_spaced(named, NUM_PROBED):
+    """Check that images have the size of the camera's images, by their headers, and that some can be decoded."""
+    named = list(dict.fromkeys(frame.image for frame in drive.frames if frame.image is not None))
+    decoded = {*evenly_spaced(named, NUM_PROBED)}
+    by_size, errors = defaultdict[Size, list[str]](list), list[str]()
+    for name in named:
         try:
-            width, height = read_size(drive.resolve(name))
-            if (width, height) == drive.camera.size:
-                read_image(drive.resolve(name), drive.camera.size)
-                continue
-            finding = IMAGE_SIZE.finding(
-                f"{name} is {width} x {height}, the camera's images are {needed_width} x {needed_height}"
-            )
-            sentences.append(finding.sentence)
+            size = read_size(drive.resolve(name))
+            if size != drive.camera.size:
+                by_size[size].append(name)
+            elif name in decoded:
+                read_image(drive.resolve(name), size)
         except InputError as error:
-            sentences.append(str(error))
-    return sentences
+            errors.append(str(error))
+    needed_width, needed_height = drive.camera.size
+    sentences = []
+    for (width, height), names in by_size.items():
+        which = f"{names[0]} is" if len(names) == 1 else f"{names[0]} and {len(names) - 1:,} more are"
+        finding = IMAGE_SIZE.finding(
+            f"{which} {width} x {height}, the camera's images are {needed_width} x {needed_height}"
+        )
+        sentences.append(finding.sentence)
+    if len(errors) > NUM_PROBED:
+        errors[NUM_PROBED:] = [f"{len(errors) - NUM_PROBED:,} more images cannot be read"]
+    return [*sentences, *errors]

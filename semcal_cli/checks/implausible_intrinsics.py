@@ -17,8 +17,12 @@ IMPLAUSIBLE_INTRINSICS = Check(
         section=PageSection.INSPECTION,
         quotes=(
             (
-                "cx in K is 400 in images 1280 wide, 19% of that from the middle, usually at most 4%: "
+                "cx in K is 640 in images 1920 wide, 17% of that from the middle, usually at most 4%: "
                 "K may belong to images of another size, or the images are cropped"
+            ),
+            (
+                "cy in K is 239 in images 376 high, 14% of that from the middle, usually at most 6%: right only if K "
+                "was made for these images after they were cropped"
             ),
             (
                 "fx in K is 1.100 times fy, usually 1 within 2%: K may belong to images that were resized "
@@ -26,14 +30,9 @@ IMPLAUSIBLE_INTRINSICS = Check(
             ),
         ),
         meaning="The principal point is far from the middle of the image, or pixels are not square.",
-        cause=(
-            "K belongs to images of another size, or the images were cropped or resized without keeping their shape."
-        ),
-        remedy="Compare K with `camera_info` and with the size of the images.",
-        figure=(
-            "Distance of cx and cy from the middle of the image, each relative to its own side, and "
-            "difference of fx / fy from 1."
-        ),
+        cause="K belongs to images of another size, or the images were cropped or resized out of shape.",
+        remedy="Compare K with `camera_info` and the size of the images. KITTI-360's is right: it has cropped images.",
+        figure="Distance of cx and cy from the middle, each relative to its side of the image, and of fx / fy from 1.",
     ),
     settings={
         "cx": Limit(
@@ -49,7 +48,7 @@ IMPLAUSIBLE_INTRINSICS = Check(
             unit="%",
             source=(
                 "the same cameras are off by at most 5.7 % of the height, which is smaller; KITTI's with 20 rows cut "
-                "off at the top by 9 %"
+                "off at the top by 9 %, but also KITTI-360's, whose K was made for its rectified strips, by 14 %"
             ),
         ),
         "aspect": Limit(
@@ -74,14 +73,21 @@ def implausible_intrinsics(camera: Camera) -> dict[str, Finding]:
         return {}  # Its principal point may be anywhere in a full turn.
     (fx, _, cx), (_, fy, cy), _ = camera.K
     measured = {}
-    for name, center, size, side in (("cx", cx, camera.width, "wide"), ("cy", cy, camera.height, "high")):
-        share = abs(center - 0.5 * (size - 1)) / size
+    centers = (("cx", cx, camera.width, "wide"), ("cy", cy, camera.height, "high"))
+    shares = {name: abs(center - 0.5 * (size - 1)) / size for name, center, size, _ in centers}
+    # Another scale moves both.
+    is_scaled = all(share > IMPLAUSIBLE_INTRINSICS.limit(name) for name, share in shares.items())
+    cause = (
+        "K may belong to images of another size, or the images are cropped"
+        if is_scaled
+        else "right only if K was made for these images after they were cropped"
+    )
+    for name, center, size, side in centers:
         sentence = (
-            f"{name} in K is {center:g} in images {size} {side}, {share:.0%} of that from the middle, usually at most "
-            f"{IMPLAUSIBLE_INTRINSICS.limit(name):.0%}: K may belong to images of another size, or the images are "
-            "cropped"
+            f"{name} in K is {center:g} in images {size} {side}, {shares[name]:.0%} of that from the middle, usually "
+            f"at most {IMPLAUSIBLE_INTRINSICS.limit(name):.0%}: {cause}"
         )
-        measured[name] = IMPLAUSIBLE_INTRINSICS.measured(share, sentence, name)
+        measured[name] = IMPLAUSIBLE_INTRINSICS.measured(shares[name], sentence, name)
     sentence = (
         f"fx in K is {fx / fy:.3f} times fy, usually 1 within {IMPLAUSIBLE_INTRINSICS.limit('aspect'):.0%}: K may "
         "belong to images that were resized differently"

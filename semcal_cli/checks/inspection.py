@@ -36,6 +36,7 @@ from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Points
 from semcal_cli.observations.cues.segments import kinds_of_segments
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
+from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.motion import motion_error_px
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.point_times import checked_times
@@ -102,6 +103,8 @@ class DriveReport:
     """Sentences about the networks that made the labels, and how far two of them differ."""
     advice: tuple[str, ...] = ()
     """Sentences about what is probably insufficient for a calibration, and what would help."""
+    hidden_shares: tuple[float, float] | None = None
+    """Lowest and highest share of what the lens sees that masks hide; None without masks, or with wrong ones."""
     image_levels: tuple[int, int] | None = None
     """Values of 16-bit images that are shown as black and as white; None without such images."""
 
@@ -123,6 +126,7 @@ def inspect(drive: Drive) -> DriveReport:
     clouds = read_clouds(probed)
     points = [drive.rays(cloud.points) for cloud in clouds]
     few = _loaded(probed)
+    hidden_shares, mask_errors = _check_masks(drive)
     motion = report_motion(drive)
     num_scenes = len(set(alike_frames([ranges[index] for index in readable])))
     median_range_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
@@ -146,6 +150,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_sentences(implausible_intrinsics(drive.camera).values()),
             *_sentences(check_view(field_of_view).findings),
             *check_image_sizes(drive),
+            *mask_errors,
             *_check_scale(median_range_m, few),
             *_sentences(check_class_names(point_names, pixel_names)),
             *motion.suspicions,
@@ -170,6 +175,7 @@ def inspect(drive: Drive) -> DriveReport:
             *motion.advice,
             *_sentences(check_seam(drive, clouds)),
         ),
+        hidden_shares=hidden_shares,
         image_levels=drive.image_levels,
     )
 
@@ -265,6 +271,24 @@ def _field_of_view(drive: Drive) -> tuple[float, float]:
     angles = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
     left, right, top, bottom = np.degrees(np.where(np.isnan(angles), lens.limit, angles)).tolist()
     return left + right, top + bottom
+
+
+def _check_masks(drive: Drive) -> tuple[tuple[float, float] | None, list[str]]:
+    """Find the lowest and the highest share of what the lens sees that masks hide, and what is wrong with them."""
+    # A mask may belong to many frames.
+    frames = {frame.mask: frame for frame in drive.frames}
+    if drive.camera.mask is None and frames.keys() == {None}:
+        return None, []
+    bare = drive.model_copy(update={"camera": drive.camera.model_copy(update={"mask": None})})
+    (of_lens,) = seen_pixels(bare, [drive.frames[0].model_copy(update={"mask": None})])
+    shares, errors = list[float](), dict[str, None]()
+    for frame in frames.values():
+        try:
+            (seen,) = seen_pixels(drive, [frame])
+            shares.append(float(1.0 - seen.sum() / of_lens.sum()))
+        except InputError as error:
+            errors[str(error)] = None
+    return None if errors else (min(shares), max(shares)), [*errors]
 
 
 def _check_scale(median_m: float, few: Observations | None) -> list[str]:

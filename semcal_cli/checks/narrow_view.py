@@ -14,7 +14,7 @@ NARROW_VIEW = Check(
         section=PageSection.INSPECTION,
         quotes=("the lens sees almost nothing: K, distortion or parameters are wrong",),
         meaning="The field of view through the principal point is hardly more than nothing.",
-        cause="Focal lengths are in another unit, or coefficients of the distortion belong to another lens model.",
+        cause="Focal lengths are in another unit, or the distortion belongs to another lens model.",
         remedy="Compare the `camera:` block of the drive with the file of the lens calibration.",
         figure="Smaller one of the angles across and down the image.",
     ),

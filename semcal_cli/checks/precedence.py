@@ -8,12 +8,18 @@ from semcal_cli.checks.far_start import check_start
 from semcal_cli.checks.registry import CHECKS
 from semcal_cli.checks.weak_cue import check_strength
 from semcal_cli.findings.finding import Finding, Leading
+from semcal_cli.geometry.poses import PoseError
 
 ORDER = {topic: number for number, topic in enumerate(CHECKS)}
 
 
 def diagnosed(
-    findings: Sequence[Finding], *, weak: Sequence[str], start: str = "", near_only: Sequence[str] = ()
+    findings: Sequence[Finding],
+    *,
+    weak: Sequence[str],
+    start: str = "",
+    near_only: Sequence[str] = (),
+    moved: PoseError | None = None,
 ) -> tuple[Finding, ...]:
     """Add the causes that the circumstances suggest for findings, and put likely causes first.
 
@@ -24,10 +30,11 @@ def diagnosed(
         weak: Cues that the pose rests on, if all of them are weak; else none.
         start: Name of the start that was given; empty without one.
         near_only: Cues that need a start near the right pose, where nothing was searched around the given one.
+        moved: Difference of the pose from the given start; None if it is not known.
     """
     suggested = list(check_strength(weak, findings))
     if start:
-        suggested += check_start(start, near_only, findings)
+        suggested += check_start(start, near_only, findings, moved)
     findings = (*suggested, *findings)
     topics = {finding.topic for finding in findings}
     explained = _explained_by(topics)

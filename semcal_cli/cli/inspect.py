@@ -30,6 +30,8 @@ NUM_NAMED = 4
 NUM_NAMED_FRAMES = 3
 """Number of frames that a finding about several frames names."""
 LABEL_WIDTH = 12
+FEW_SECONDS = 10.0
+"""Time below which tenths of a second are printed."""
 WIDE = 240
 """Width of the table of frames on a pipe, in columns."""
 
@@ -43,8 +45,8 @@ class InspectSettings:
     with_frames: bool = option("Also print one row per frame.", "--frames", default=False)
     as_json: bool = json_flag()
     find_mask: Path | None = option(
-        "Only propose a mask, .png: black where images never change while the rig moves, as on the car's own bonnet. "
-        "Look at it before you use it as camera.mask.",
+        "Only propose a mask, .png: black where images never change while the rig moves, next to the lower border or a "
+        "side, as on the car's own bonnet. Look at it before you use it as camera.mask.",
         metavar="FILE",
     )
     max_points: int = max_points()
@@ -102,10 +104,11 @@ def _write_mask(drive: Drive, path: Path) -> None:
     is_scene = propose_mask(drive)
     share = 1.0 - is_scene.mean()
     if not share:
-        click.echo(f"no mask is needed: everything changes over the images of {drive.path}", err=True)
+        what = f"all that reaches into the images of {drive.path} from below or from a side changes"
+        click.echo(f"no mask is needed: {what}", err=True)
         return
     write_image((255 * is_scene).astype("uint8"), path)
-    use = f"look at it, and use it as camera: {{mask: {os.path.relpath(path, drive.root)}}}"
+    use = f"look at it, and use it as `mask: {os.path.relpath(path, drive.root)}` under `camera:`"
     click.echo(f"wrote {path}: {share:.1%} of the image never change; {use}", err=True)
 
 
@@ -179,12 +182,19 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
             "camera",
             f"{across:.1f} x {down:.1f} degrees (inspect does not check intrinsics)",
         ),
+        *([] if report.hidden_shares is None else [("mask", _hidden(*report.hidden_shares))]),
         *([] if report.image_levels is None else [("images", _levels(*report.image_levels))]),
         *([] if of_points is None else [("points", _commonest(of_points))]),
         *([] if of_pixels is None else [("pixels", _commonest(of_pixels))]),
         *(("network", line) for line in report.networks),
         *([("both sides", ", ".join(report.shared_classes))] if report.shared_classes else []),
     ]
+
+
+def _hidden(low: float, high: float) -> str:
+    """Describe how much masks hide."""
+    shares = [f"{share:.1%}" for share in (low, high)]
+    return f"hides {' to '.join(dict.fromkeys(shares))} of the image"
 
 
 def _levels(black: int, white: int) -> str:
@@ -194,13 +204,12 @@ def _levels(black: int, white: int) -> str:
 
 def _motion(report: DriveReport, span_s: float) -> str:
     """Describe how long the drive is and how fast it moves."""
+    span = f"frames span {span_s:.{1 if span_s < FEW_SECONDS else 0}f} s"
     if report.speeds_m_s is None or report.fastest_turn_deg_s is None:
-        return f"frames span {span_s:.0f} s; no poses, no twist"
+        return f"{span}; no poses, no twist"
     low, high = report.speeds_m_s
-    return (
-        f"frames span {span_s:.0f} s, at {low:.1f} to {high:.1f} m/s, with turns up to "
-        f"{report.fastest_turn_deg_s:.0f} degrees per second"
-    )
+    turns = f"turns up to {report.fastest_turn_deg_s:.0f} degrees per second"
+    return f"{span}, at {low:.1f} to {high:.1f} m/s, with {turns}"
 
 
 def _table(report: DriveReport) -> Table:

@@ -56,7 +56,7 @@ class _Stamps(NamedTuple):
 def has_stamps(drive: Drive) -> bool:
     """Return whether all sweeps and images have times that ROS 2 can state."""
     stamps = [stamp for frame in drive.frames for stamp in (frame.points_stamp, frame.image_stamp)]
-    return all(stamp is not None and 0.0 < stamp < MAX_STAMP_S for stamp in stamps)
+    return any(stamps) and all(stamp is not None and 0.0 <= stamp < MAX_STAMP_S for stamp in stamps)
 
 
 def write_recording(drive: Drive, T_camera_lidar: Pose, path: Path) -> None:
@@ -140,10 +140,12 @@ def _stamps(drive: Drive) -> list[_Stamps]:
     if not has_stamps(drive):
         # ROS takes a stamp of zero as none.
         return [_Stamps(index * NS, index * NS) for index in range(1, len(drive.frames) + 1)]
-    return [
-        _Stamps(round(NS * (frame.points_stamp or 0.0)), round(NS * (frame.image_stamp or 0.0)))
-        for frame in drive.frames
-    ]
+    return [_Stamps(*map(_stamp_ns, (frame.points_stamp, frame.image_stamp))) for frame in drive.frames]
+
+
+def _stamp_ns(stamp_s: float | None) -> int:
+    """Convert a stamp to nanoseconds, at least one, since ROS takes a stamp of zero as none."""
+    return max(round(NS * (stamp_s or 0.0)), 1)
 
 
 def _header(stamp_ns: int, frame: str) -> dict[str, Any]:

@@ -58,7 +58,10 @@ def chosen_frames(drive: Drive, part: slice | None, excluded: Collection[str]) -
         if left_out.isdisjoint((clouds[index], short[index]))
     ]
     if not kept:
-        raise InputError(f"{drive.path}: found no frame that is left of {counted(len(clouds), 'frame')}")
+        options = " and ".join(["--frames"] * (part is not None) + ["--exclude"] * bool(excluded))
+        raise InputError(
+            f"{drive.path}: {options}: found no frame that is left of {counted(len(clouds), 'frame')}"
+        )
     return with_frames(drive, kept)
 
 

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
+from semcal_cli.config.file_limits import MAX_TABLE_BYTES
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
-from semcal_cli.files.image_files import read_image
+from semcal_cli.files.image_files import decode_image, read_image
+from semcal_cli.files.input_files import read_bytes
 from semcal_cli.geometry.arrays import Mask
 
 LENS_STEP = 4
@@ -25,13 +28,20 @@ def scene_masks(drive: Drive, frames: Sequence[Frame]) -> list[Mask | None]:
     """Read which pixels (H, W) of the images of frames show the scene; None where there is no mask.
 
     Raises:
-        InputError: a mask is missing, has another size, or leaves no pixel.
+        InputError: a mask is missing, has another size or only transparency, has a polygon outside the image, or
+            leaves no pixel.
     """
     camera, size = drive.camera, drive.camera.size
     of_camera: Mask | None = None
     if isinstance(camera.mask, str):
         of_camera = _read(drive, camera.mask)
     elif camera.mask is not None:
+        for index, corners in enumerate(camera.mask):
+            if outside_polygons(size, [corners]).all():
+                raise InputError(
+                    f"{drive.path}: camera.mask[{index}]: found a polygon outside the image of {size[0]} x {size[1]}, "
+                    "expected corners [u, v] in pixels around what is no scene"
+                )
         of_camera = outside_polygons(size, camera.mask)
 
     @cache
@@ -71,8 +81,23 @@ def outside_polygons(size: tuple[int, int], polygons: Sequence[Sequence[Sequence
 
 def _read(drive: Drive, name: str) -> Mask:
     """Read a mask (H, W), whose values may be 0 and 1, or 0 and 255 with the artefacts of a JPEG."""
-    values = read_image(drive.resolve(name), drive.camera.size).max(axis=2)
-    return np.asarray(values > values.max() / 2)
+    path = drive.resolve(name)
+    values = read_image(path, drive.camera.size).max(axis=2)
+    is_scene = np.asarray(values > values.max() / 2)
+    if is_scene.min() == is_scene.max() and _has_transparency(path):
+        raise InputError(
+            f"{path}: found a mask that is only in the transparency of the image, expected black where the scene is "
+            "not seen and white elsewhere"
+        )
+    return is_scene
+
+
+def _has_transparency(path: Path) -> bool:
+    """Return whether an image that was read is transparent in some places and not in others."""
+    import cv2
+
+    pixels = decode_image(path, read_bytes(path, limit=MAX_TABLE_BYTES), cv2.IMREAD_UNCHANGED)
+    return pixels is not None and pixels.ndim == 3 and pixels.shape[2] == 4 and bool(np.ptp(pixels[..., 3]))
 
 
 def _lens_mask(camera: Camera) -> Mask:

@@ -8,6 +8,7 @@ from semcal_cli.checks import precedence
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting import Mounting
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import files_of, recorded_options
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.stages import Stages
@@ -37,6 +38,9 @@ def make_calibration(
         weak=data.policy.weak,
         start="" if initial_pose is None else initial_pose.name,
         near_only=data.policy.near_only if is_near else (),
+        moved=None
+        if initial_pose is None
+        else compare_poses(stages.T_camera_lidar, initial_pose.T_camera_lidar),
     )
     options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
     if initial_pose is not None and initial_pose.source is None:
