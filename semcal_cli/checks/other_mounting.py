@@ -57,22 +57,20 @@ MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
 """Standard errors of mutual information by which other mountings must be behind a trusted answer."""
 
 
-def check_mountings(search: Initialization) -> tuple[Finding, ...]:
+def check_mountings(search: Initialization, refined: Mounting | None = None) -> tuple[Finding, ...]:
     """Check that a search has found another mounting, and that it is far enough behind the best one.
 
     Priors, or a search around a given pose, may leave no other mounting, which is no finding.
+
+    Args:
+        search: The mountings that were compared.
+        refined: The best one after its refinement, if the runner-up is compared with that.
     """
-    if search.runner_up is None and not search.is_exhaustive:
-        return ()
-    return check_runner_up(search.hypotheses[0], search.runner_up)
-
-
-def check_runner_up(best: Mounting, other: Mounting | None) -> tuple[Finding, ...]:
-    """Check that there is a runner-up, and that it is far enough behind the best hypothesis."""
-    if other is None:
+    if (other := search.runner_up) is None:
+        is_alone = search.is_exhaustive or refined is not None
         sentence = "the search left no other mounting to compare with"
-        return (NOTHING_TO_COMPARE.finding(sentence),)
-    margin = best.margin(other)
+        return (NOTHING_TO_COMPARE.finding(sentence),) if is_alone else ()
+    margin = (refined or search.hypotheses[0]).margin(other)
     sentence = (
         f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels "
         f"{describe_rival_fit(margin, MIN_RUNNER_UP_MARGIN, 2)}"

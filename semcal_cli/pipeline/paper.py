@@ -13,7 +13,7 @@ from dataclasses import asdict, replace
 from functools import partial
 
 from semcal_cli import core
-from semcal_cli.checks.other_mounting import check_runner_up
+from semcal_cli.checks.other_mounting import check_mountings
 from semcal_cli.config import CalibrationConfig, Device
 from semcal_cli.config.paper_config import PaperConfig
 from semcal_cli.errors import check_torch, torch_import
@@ -137,4 +137,4 @@ def _compared(
     other = runner_up(measured_from(refined.T_camera_lidar, ranked), paper.initialization.runner_up_deg)
     if other is not None:
         initial = replace(initial, runner_up_margin=best.margin(other), runner_up=other)
-    return initial, check_runner_up(best, other)
+    return initial, check_mountings(initial, best)

@@ -12,7 +12,7 @@ from semcal_cli.checks.registry import ALL_CHECKS
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.findings.check import Check, Evidence, Limit
 
-WIDTH = 120
+WIDTH = 150
 TEMPLATE = Path(__file__).with_name("troubleshooting_template.md")
 """The page without the table of findings and the entries."""
 LIMITS = """# Measured: limits of the checks
