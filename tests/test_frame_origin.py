@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import edited
+from conftest import Cli, edited
 from laboratory.raw_drive import RawDrive
 
 from semcal_cli import core
@@ -254,11 +254,12 @@ def stating(drive: Path, origin_m: Sequence[float]) -> Path:
     return drive
 
 
-def test_the_origin_is_found_from_the_points_and_stated(vehicle: Path) -> None:
+def test_the_origin_is_found_from_the_points_and_stated(vehicle: Path, cli: Cli) -> None:
     (said,) = (text for text in inspect(read_drive(vehicle)).suspicions if "origin_m" in text)
     (line,) = re.findall(r"`origin_m: \[(.*?)\]` under `lidar:`", said)
     origin_m = [float(number) for number in line.split(", ")]
     np.testing.assert_allclose(origin_m, ROOF_M, atol=0.3)
+    assert cli("inspect", vehicle, "--find-origin")[:2] == (0, f"origin_m: [{line}]\n")
     assert not inspect(read_drive(stating(vehicle, origin_m))).suspicions
 
 
@@ -267,6 +268,26 @@ def test_an_origin_at_the_limit_of_the_search_is_not_proposed(fine_street: Path,
     (said,) = (text for text in inspect(read_drive(far)).suspicions if "neighbouring rays" in text)
     assert "the rays seem to start farther away, or the columns of the files are mixed up" in said
     assert "origin_m" not in said
+
+
+def test_a_viewpoint_of_pcd_files_is_named(fine_street: Path, tmp_path: Path) -> None:
+    drive = shutil.copytree(fine_street, tmp_path / "drive")
+    columns = np.fromfile(next((drive / "points").iterdir()), np.float32).reshape(-1, 4)
+    header = (
+        "VERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n"
+        f"WIDTH {len(columns)}\nHEIGHT 1\nVIEWPOINT {{}} 1 0 0 0\nPOINTS {len(columns)}\nDATA binary\n"
+    )
+
+    def advice(place: str) -> str:
+        (drive / "sweep.pcd").write_bytes(header.format(place).encode() + columns.tobytes())
+        with edited(drive) as document:
+            document["frames"] = [
+                frame | {"points": "sweep.pcd", "point_labels": None} for frame in document["frames"][:1]
+            ]
+        return " ".join(inspect(read_drive(drive)).advice)
+
+    assert "sweep.pcd: VIEWPOINT states [1.40, 0.10, 1.70], which is not used" in advice("1.4 0.1 1.7")
+    assert "VIEWPOINT" not in advice("0 0 0")
 
 
 def test_segments_are_labelled_as_seen_from_where_rays_start(fine_street: Path, vehicle: Path) -> None:

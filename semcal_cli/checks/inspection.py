@@ -25,7 +25,7 @@ from semcal_cli.checks.seam import check_seam
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.stamp_gap import check_gap
 from semcal_cli.checks.sweep_motion import check_readout, check_sweep_motion, has_direction
-from semcal_cli.checks.wrong_origin import check_origin
+from semcal_cli.checks.wrong_origin import check_origin, check_viewpoint
 from semcal_cli.config import MAX_FRAMES
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
@@ -173,6 +173,7 @@ def inspect(drive: Drive) -> DriveReport:
                 )
             ),
             *motion.advice,
+            *_sentences(check_viewpoint(drive)),
             *_sentences(check_seam(drive, clouds)),
         ),
         hidden_shares=hidden_shares,

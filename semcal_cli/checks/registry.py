@@ -112,6 +112,7 @@ ALL_CHECKS: tuple[Check, ...] = (
     motion_report.SAME_MOTION,
     seam.SEAM,
     wrong_origin.WRONG_ORIGIN,
+    wrong_origin.VIEWPOINT_UNUSED,
     sweep_motion.SWEEP_MOTION,
     sweep_motion.OPEN_SHUTTER,
     mirrored_clouds.MIRRORED_CLOUDS,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.estimation.search.ray_origin import FARTHEST_M, STEPS_M, find_ray_origin
+from semcal_cli.files.input_files import read_start
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
@@ -36,14 +38,27 @@ WRONG_ORIGIN = Check(
         remedy="State `origin_m: [x, y, z]` under `lidar:`. The place is good to 20 cm; the data set's own is better.",
     ),
 )
-MIN_RATIO = 2.0
-"""Ratio of the roughness seen from the stated place to that seen from the best one. It is 2.5 for DDAD, whose points
-are in the frame of the vehicle, and 1.0 to 1.5 on the other real drives (tests/benchmarks/ray_origin.py)."""
+VIEWPOINT_UNUSED = Check(
+    topic="viewpoint",
+    advice="if points are in a frame in which rays start there, state it as `origin_m` under `lidar:`",
+    entry=Entry(
+        title="PCD files state a viewpoint",
+        section=PageSection.INSPECTION,
+        quotes=(
+            (
+                "000000.pcd: VIEWPOINT states [1.40, 0.10, 1.70], which is not used: if points are in a frame in "
+                "which rays start there, state it as `origin_m` under `lidar:`"
+            ),
+        ),
+        meaning="Programs write there where rays start, or the pose of the LiDAR on a map, and nothing tells which.",
+        cause="Points are in the frame of the vehicle, or the files are those of a map.",
+        remedy="`semcal inspect DRIVE --find-origin` finds from the points where rays start; state it if it agrees.",
+    ),
+)
+VIEWPOINT, HEADER_BYTES = re.compile(rb"^VIEWPOINT((?: +[-+.\deE]+){3})", re.MULTILINE), 4096
 MIN_DISTANCE_M = 1.0
 """Lasers of an HDL-64E start 12 to 20 cm from the origin, and the place that is found is good to some 20 cm. Where real
 sweeps were moved by 0.7 m, the ratio was 1.1 to 1.9; that of one cloud accumulated from a VLP-16 is 2.1 at 0.5 m."""
-AT_LIMIT_M = FARTHEST_M - 0.25
-"""Coordinate from which the search may have ended at its limit: descents of moved sweeps ended up to 7 cm before it."""
 
 
 def check_origin(drive: Drive, clouds: Sequence[Points]) -> tuple[Finding, ...]:
@@ -52,21 +67,31 @@ def check_origin(drive: Drive, clouds: Sequence[Points]) -> tuple[Finding, ...]:
     if not find_ray_origin(clouds[:1], STEPS_M[:1]).origin_m.any():
         return ()
     found = find_ray_origin(clouds)
-    ratio = found.roughness_stated / found.roughness if found.roughness > 0.0 else 1.0
-    if ratio < MIN_RATIO or np.linalg.norm(found.origin_m) < MIN_DISTANCE_M:
+    if not found.is_clear or np.linalg.norm(found.origin_m) < MIN_DISTANCE_M:
         return ()
     stated_m = np.zeros(3) if drive.lidar is None else np.array(drive.lidar.origin_m)
     here, there = (_written(place) for place in (stated_m, stated_m + found.origin_m))
     what = f"`origin_m: {there}` under `lidar:` states where the rays start"
-    if np.abs(found.origin_m).max() > AT_LIMIT_M:
+    if found.is_at_limit:
         there = f"{FARTHEST_M:.0f} m away"
         what = (
             "the rays seem to start farther away, or the columns of the files are mixed up (`point_columns`)"
         )
-    rough = (
-        f"seen from {here}, ranges of neighbouring rays jump {ratio:.1f} times as much as seen from {there}"
-    )
+    times = f"{found.ratio:.1f} times as much as seen from {there}"
+    rough = f"seen from {here}, ranges of neighbouring rays jump {times}"
     return (WRONG_ORIGIN.finding(f"{rough}: {what}"),)
+
+
+def check_viewpoint(drive: Drive) -> tuple[Finding, ...]:
+    """Check that PCD files, whose VIEWPOINT may be where the rays start or the pose of a moving LiDAR, state none."""
+    first = drive.resolve(drive.frames[0].points)
+    if first.suffix.lower() != ".pcd" or (drive.lidar is not None and any(drive.lidar.origin_m)):
+        return ()
+    stated = VIEWPOINT.search(read_start(first, HEADER_BYTES))
+    place_m = np.array([0.0, 0.0, 0.0] if stated is None else stated[1].split(), float)
+    if not np.isfinite(place_m).all() or not place_m.any():
+        return ()
+    return (VIEWPOINT_UNUSED.finding(f"{first}: VIEWPOINT states {_written(place_m)}, which is not used"),)
 
 
 def _written(place_m: Vector) -> str:

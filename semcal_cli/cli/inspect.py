@@ -15,7 +15,7 @@ from semcal_cli.cli.options import json_flag, max_points
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import argument, option
 from semcal_cli.cli.settings_command import command
-from semcal_cli.errors import counted, printable, shell
+from semcal_cli.errors import CalibrationError, counted, printable, shell
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -29,6 +29,8 @@ NUM_NAMED = 4
 """Number of classes that the table names, most common first."""
 NUM_NAMED_FRAMES = 3
 """Number of frames that a finding about several frames names."""
+NUM_SWEEPS = 4
+"""Number of sweeps from which the origin of their rays is found."""
 LABEL_WIDTH = 12
 FEW_SECONDS = 10.0
 """Time below which tenths of a second are printed."""
@@ -40,7 +42,10 @@ WIDE = 240
 class InspectSettings:
     """Settings of `inspect`."""
 
-    rules = [given("--find-mask").excludes("--frames", "--json", because="it only writes a mask")]
+    rules = [
+        given("--find-mask").excludes("--frames", "--json", "--find-origin", because="it only writes a mask"),
+        given("--find-origin").excludes("--frames", "--json", because="it only prints a place"),
+    ]
     drive: Path = argument()
     with_frames: bool = option("Also print one row per frame.", "--frames", default=False)
     as_json: bool = json_flag()
@@ -48,6 +53,11 @@ class InspectSettings:
         "Only propose a mask, .png: black where images never change while the rig moves, next to the lower border or a "
         "side, as on the car's own bonnet. Look at it before you use it as camera.mask.",
         metavar="FILE",
+    )
+    find_origin: bool = option(
+        "Only find where the rays of the LiDAR start, from the points alone, and print the line that states it under "
+        "lidar: in drive.yaml. It is good to some 20 cm.",
+        default=False,
     )
     max_points: int = max_points()
 
@@ -67,10 +77,15 @@ def inspect(settings: InspectSettings) -> None:
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
-    if settings.find_mask is not None:
+    if settings.find_mask is not None or settings.find_origin:
         if rig is not None:
-            raise click.UsageError("--find-mask: found a rig, expected the drive of one camera.")
-        _write_mask(read_drive(path, max_points), settings.find_mask)
+            option = "--find-origin" if settings.find_origin else "--find-mask"
+            raise click.UsageError(f"{option}: found a rig, expected the drive of one camera.")
+        drive = read_drive(path, max_points)
+        if settings.find_mask is not None:
+            _write_mask(drive, settings.find_mask)
+        else:
+            _print_origin(drive)
         return
     drives = {"": read_drive(path, max_points)} if rig is None else rig.read_drives(max_points)
     reports = {}
@@ -110,6 +125,28 @@ def _write_mask(drive: Drive, path: Path) -> None:
     write_image((255 * is_scene).astype("uint8"), path)
     use = f"look at it, and use it as `mask: {os.path.relpath(path, drive.root)}` under `camera:`"
     click.echo(f"wrote {path}: {share:.1%} of the image never change; {use}", err=True)
+
+
+def _print_origin(drive: Drive) -> None:
+    """Print where the rays start, as a line of drive.yaml, and how much smoother sweeps look from there."""
+    import numpy as np
+
+    from semcal_cli.estimation.search.ray_origin import FARTHEST_M, find_ray_origin
+    from semcal_cli.observations.frame_selection import with_few_frames
+    from semcal_cli.observations.reading import read_clouds
+
+    clouds = read_clouds(with_few_frames(drive, NUM_SWEEPS))
+    found = find_ray_origin([drive.rays(cloud.points) for cloud in clouds])
+    if found.is_at_limit:
+        raise CalibrationError(
+            f"{drive.path}: the rays seem to start more than {FARTHEST_M:.0f} m from where they are taken to start, or "
+            "the columns of the files are mixed up; state `origin_m` under `lidar:`, or `point_columns`"
+        )
+    stated_m = np.zeros(3) if drive.lidar is None else np.array(drive.lidar.origin_m)
+    click.echo(f"origin_m: [{', '.join(f'{x + 0.0:.2f}' for x in stated_m + found.origin_m)}]")
+    jumps = f"seen from the place that is stated, ranges of neighbouring rays jump {found.ratio:.1f} times as much"
+    clear = ", which does not speak against it" if not found.is_clear else ""
+    click.echo(f"under `lidar:` in drive.yaml, good to some 20 cm; {jumps}{clear}", err=True)
 
 
 def _print(reports: Mapping[str, DriveReport], next_command: str | None, *, with_frames: bool) -> None:

@@ -30,6 +30,12 @@ STEPS_M = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
 """Steps of the descent along the axes, one after the other."""
 FARTHEST_M = 4.0
 """Limit of each coordinate: far away, all rays are alike."""
+AT_LIMIT_M = FARTHEST_M - 0.25
+"""Coordinate from which the search may have ended at its limit: descents of moved sweeps ended up to 7 cm before it."""
+
+MIN_RATIO = 2.0
+"""Ratio of the roughness seen from the stated place to that seen from the best one. It is 2.5 for DDAD, whose points
+are in the frame of the vehicle, and 1.0 to 1.5 on the other real drives (tests/benchmarks/ray_origin.py)."""
 
 
 class RayOrigin(NamedTuple):
@@ -41,6 +47,21 @@ class RayOrigin(NamedTuple):
     """Mean jump of the logarithm of the range between neighbours, seen from there."""
     roughness_stated: float
     """The same seen from the origin of the points."""
+
+    @property
+    def ratio(self) -> float:
+        """Times as much as from there that ranges jump, seen from the origin of the points."""
+        return self.roughness_stated / self.roughness if self.roughness > 0.0 else 1.0
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the difference is more than that of sweeps whose rays start at the origin of their points."""
+        return self.ratio >= MIN_RATIO
+
+    @property
+    def is_at_limit(self) -> bool:
+        """Whether rays may start farther away than was searched."""
+        return bool(np.abs(self.origin_m).max() > AT_LIMIT_M)
 
 
 def find_ray_origin(clouds: Sequence[Points], steps_m: Sequence[float] = STEPS_M) -> RayOrigin:
