@@ -35,6 +35,8 @@ MORE_PUBLIC_NAMES = {
     "result": 56,
 }
 """Rooms that still have more than the rest may have: their numbers are those of today, and may only fall."""
+MAX_LINES = 400
+"""Length of a module that a reader takes in; CONTRIBUTING.md states it."""
 OF_PROBLEM = {"max_baseline_m", "edge_band_px"}
 FALLBACKS = {"MAX_BASELINE_M", "EDGE_BAND_PX"}
 """What describes the problem stands on its observations: settings of a solver that repeat it can be forgotten."""
@@ -159,6 +161,14 @@ def imported_names(package: Path) -> dict[str, set[str]]:
                 if is_counted and room != room_of(path):
                     names[room].add(f"{target.rpartition('/')[0]}: {alias.name}")
     return names
+
+
+def long_files(package: Path) -> list[str]:
+    """List the modules that are too long."""
+    lengths = {
+        path: len((package / path).read_text(encoding="utf-8").splitlines()) for path in modules(package)
+    }
+    return [f"{path}: {length} lines" for path, length in lengths.items() if length > MAX_LINES]
 
 
 def crowded_rooms(package: Path) -> list[str]:

@@ -29,6 +29,7 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
         "cli/a.py": "CHOSEN = ('edges',)",
         "checks/a.py": "is_by_edges = 'edges' in data.cues",
     },
+    house.long_files: {"checks/a.py": "A = 1\n" * 401},
     house.crowded_rooms: {
         "synthetic/a.py": "",
         "checks/a.py": f"from planted.synthetic.a import {', '.join(f'name_{n}' for n in range(26))}",

@@ -33,8 +33,8 @@ from semcal_cli.geometry.poses import (
     pose_from_quaternion,
     quaternion_xyzw,
 )
+from semcal_cli.pipeline.mistaken_transform import likely_mistakes
 from semcal_cli.pipeline.verdict import figures, judge, overall_offsets, sufficient_limits
-from semcal_cli.pipeline.verification import recognise
 from semcal_cli.result.calibration_document import read_calibration, write_calibration
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
@@ -251,10 +251,10 @@ def test_mistakes_are_recognised() -> None:
         "millimetres": millimetres,
     }
     for name, given in mistakes.items():
-        (line,) = recognise(given, T)
+        (line,) = likely_mistakes(given, T)
         assert name in line
-    assert recognise(turned(T, 1.0), T) == []
-    assert recognise(turned(T, 30.0), T) == []
+    assert likely_mistakes(turned(T, 1.0), T) == []
+    assert likely_mistakes(turned(T, 30.0), T) == []
 
 
 def test_compare(street: Path, street_truth: Pose, made: Path, tmp_path: Path) -> None:

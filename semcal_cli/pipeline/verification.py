@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from semcal_cli.config import (
     Limits,
     RefinementConfig,
 )
-from semcal_cli.config.directions import Direction
 from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.camera import IntrinsicsSigma
 from semcal_cli.drive.document import Drive
@@ -31,16 +30,13 @@ from semcal_cli.events import Listener, ignore
 from semcal_cli.findings.symptoms import CLOCKS, LOOKS_LIKE
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import (
-    OPTICAL_AXES,
     PoseError,
     compare_poses,
-    inverse,
-    pose_from_quaternion,
-    quaternion_xyzw,
 )
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.pipeline.assessment import assess
+from semcal_cli.pipeline.mistaken_transform import likely_mistakes, remedy
 from semcal_cli.pipeline.pose_stages import initialize, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.pipeline.verdict import (
@@ -61,8 +57,6 @@ CHANCE = 0.05
 """Probability of offsets as large by chance, below which the camera has moved."""
 NEAR_DEG, NEAR_M = 5.0, 0.5
 """Rotation and distance between transform and estimate beyond which all mounting directions are searched."""
-SAME_DEG, SAME_M = 3.0, 0.3
-"""Largest rotation and distance between the estimate and a transform after its supposed mistake is corrected."""
 
 SENTENCES: dict[Verdict, str] = {
     "pass": "The transform still holds on this drive.",
@@ -71,8 +65,6 @@ SENTENCES: dict[Verdict, str] = {
 }
 MISREAD = "The transform does not hold as it was read. Correct how it is written or read, and verify again."
 """Sentence for a transform that looks like a mistake, since nothing then says that the camera moved."""
-INVERSE = "the inverse, T_lidar_camera"
-"""Mistake that the option for the direction corrects."""
 MOVED = (
     "The camera has moved, but this drive cannot show whether by more than is allowed. Try more frames, or other "
     "places."
@@ -85,7 +77,6 @@ OF_CLOCK: dict[Verdict, str] = {
     "right.",
 }
 """Sentences for a transform that passes all its checks."""
-DIRECTIONS: tuple[str, ...] = get_args(Direction)
 
 
 @dataclass(frozen=True)
@@ -313,8 +304,8 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     reasons = [(finding.topic, finding.sentence) for finding in doubts]
     if not findings and uncertainty is not None:
         verdict = together(check.verdict for check in checks)
-        looks = recognise(T_stated, estimate) if verdict == "fail" else []
-        reasons = [(LOOKS_LIKE, f"{sentence}: {_remedy(sentence, stated)}") for sentence in looks]
+        looks = likely_mistakes(T_stated, estimate) if verdict == "fail" else []
+        reasons = [(LOOKS_LIKE, f"{sentence}: {remedy(sentence, stated)}") for sentence in looks]
     reasons += [(CLOCKS, sentence) for sentence in of_clock]
     of_record = () if stated.record is None else check_own_drive(data.drive, stated.record)
     reasons += [(finding.topic, finding.sentence) for finding in of_record]
@@ -393,35 +384,3 @@ def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Axi
     if check.verdict == "fail" and not joint.is_kept:
         return replace(check, verdict="inconclusive"), [*joint.notes]
     return check, []
-
-
-def _remedy(mistake: str, stated: InitialPose) -> str:
-    """Describe how to correct a mistake that a transform looks like."""
-    others = dict(zip(DIRECTIONS, DIRECTIONS[::-1], strict=True))
-    if mistake.endswith(INVERSE) and stated.direction in others:
-        return f"run again with --direction {others[stated.direction]}"
-    return f"correct {stated.name}"
-
-
-def recognise(T_stated: Pose, T_estimate: Pose) -> list[str]:
-    """List the mistakes that explain the difference between a given transform (4, 4) and the estimate (4, 4)."""
-    if compare_poses(T_stated, T_estimate).is_within(SAME_DEG, SAME_M):
-        return []
-    optical_body = np.eye(4)
-    optical_body[:3, :3] = OPTICAL_AXES.T
-    x, y, z, w = quaternion_xyzw(T_stated)
-    center, place = T_stated.copy(), T_stated[:3, 3].tolist()
-    center[:3, 3] = 0.001 * T_stated[:3, 3]
-    poses_by_mistake = {
-        INVERSE: inverse(T_stated),
-        "T_body_lidar of a camera's body frame, x forward and z up": optical_body @ T_stated,
-        "T_lidar_body of a camera's body frame, x forward and z up": optical_body @ inverse(T_stated),
-        "a quaternion w x y z that was read as x y z w": pose_from_quaternion((y, z, w, x), place),
-        "a quaternion x y z w that was read as w x y z": pose_from_quaternion((w, x, y, z), place),
-        "a translation in millimetres": center,
-    }
-    return [
-        f"this looks like {name}"
-        for name, T in poses_by_mistake.items()
-        if compare_poses(T, T_estimate).is_within(SAME_DEG, SAME_M)
-    ]
