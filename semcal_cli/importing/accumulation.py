@@ -329,7 +329,7 @@ class Accumulation:
         )
 
     def _stood(self, key: Frame, sweeps: Sequence[_Sweep]) -> bool:
-        """Return whether sweeps that lie on one another are of a long enough time, and the image was taken in it."""
+        """Return whether the sweeps span `MIN_STANDING_S`, and the image was taken among them."""
         stamps_s = [sweep.frame.points_stamp for sweep in sweeps]
         known_s = [stamp_s for stamp_s in stamps_s if stamp_s is not None]
         if len(known_s) < len(stamps_s) or max(known_s) - min(known_s) < MIN_STANDING_S:

@@ -104,7 +104,7 @@ def assess(
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """Parts of the covariance (6, 6) of a pose by what more frames do not show; None for a part that there is not."""
+    """Parts of the covariance (6, 6) of a pose by what more frames do not show; None where a part is absent."""
 
     intrinsics: Matrix | None
     """By errors of the intrinsics that no estimate replaces."""

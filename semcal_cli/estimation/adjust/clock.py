@@ -90,9 +90,9 @@ class ClockUncertainty(NamedTuple):
 def _skew_s(data: LoadedDrive, motion: Motion) -> float:
     """Compute the standard deviation of the time at which sweeps see what the camera sees, seconds.
 
-    Where points have no times and nobody says that sweeps are deskewed, or that the LiDAR and the camera look the same
-    way at the same time, that is any time of a sweep. It displaces the camera as an error of the clock does. Where the
-    direction of the motion is unknown, `motion_error_px` tells what sweeps with times are smeared.
+    Without point times, and unless sweeps are deskewed or triggered, the moment is uniform over the sweep. It displaces
+    the camera as an error of the clock does. Where the direction of the motion is unknown, `motion_error_px` tells how
+    far sweeps with times are smeared.
     """
     if data.drive.synchronization == "hardware" or motion.point_times == "deskewed":
         return 0.0

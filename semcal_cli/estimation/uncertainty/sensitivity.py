@@ -63,7 +63,7 @@ class Scatter(NamedTuple):
         """Satterthwaite's degrees of freedom (m,) of the variances, as if squares and classes were independent.
 
         What classes share is a difference, which is as uncertain as the scatter of the classes that it is part of. They
-        are no fewer than those of the smaller number of parts, as those of any sum of variances.
+        are at least those of the smaller of the two numbers of parts, as those of any sum of variances.
         """
         of_squares, of_classes = np.diag(self.of_squares), np.diag(self.of_classes)
         by_square = _effective_number(self.squares)

@@ -111,7 +111,7 @@ def relying_on(wrong: Collection[Tie], ties: Sequence[Tie]) -> set[str]:
 
 
 def on_loops_of(tie: Tie, ties: Sequence[Tie]) -> set[Tie]:
-    """Return the ties that share a loop with one of them, with itself: no single sensor separates them from it."""
+    """Return all ties on a common loop with one of them, and that one: no single sensor separates them from it."""
     sensors = {end for each in ties for end in each.ends}
     return {*ties}.intersection(*(_connected(tie, ties, sensor) for sensor in sensors))
 
