@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Cli, edited, make_pose
+from conftest import Cli, edited, make_pose, with_twists
 from laboratory.raw_drive import RawDrive, write_raw_drive
 
 from semcal_cli.config import AdjustmentConfig, CalibrationConfig, PolishConfig, RefinementConfig
@@ -29,7 +29,8 @@ from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_points
 from semcal_cli.observations.skew import Skew
 from semcal_cli.pipeline import refine_and_polish
-from semcal_cli.pipeline.assessment import _AssessedPose, check_motion
+from semcal_cli.pipeline.assessment import _AssessedPose
+from semcal_cli.pipeline.motion_assessment import compare_speed
 from semcal_cli.pipeline.pose_stages import deskew_sweeps, start_at
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.report.input import read_report_input
@@ -244,20 +245,31 @@ def test_a_stated_motion_that_leaves_a_speed_is_doubted(
         "motion": Motion(speed_m_s=0.0),
     }
 
-    def topics(observations: Observations, **others: object) -> list[str]:
+    def compared(observations: Observations, **others: object) -> Assessment:
         drive = data.drive.model_copy(update=stated | others)
         seen = replace(data, drive=drive, observations=observations)
         stages = Stages.from_refined(
             seen, start_at(seen, InitialPose(street_truth, "truth")), None, is_compensated=True
         )
-        checked = check_motion(seen, replace(stages, assessment=Assessment())).assessment
+        checked = compare_speed(seen, replace(stages, assessment=Assessment())).assessment
         assert checked is not None
-        return [finding.topic for finding in checked.findings]
+        return checked
+
+    def topics(observations: Observations, **others: object) -> list[str]:
+        return [finding.topic for finding in compared(observations, **others).findings]
 
     assert topics(skewed) == ["wrong-motion"]
     assert topics(street_observations) == []
     # A speed without a direction deskews nothing.
     assert topics(skewed, motion=Motion(speed_m_s=20.0)) == []
+    # A camera that is triggered by the LiDAR exposes within some milliseconds.
+    moving = with_twists(
+        street_observations, [[8.0, 0.0, 0.0, 0.0, 0.0, 0.0]] * street_observations.num_frames
+    )
+    assert not compared(moving, time_offset_s=0.004).notes
+    (note,) = compared(moving, time_offset_s=-0.05).notes
+    assert "images are taken 50 ms before the LiDAR faces where the camera looks" in note
+    assert "the camera is 40 cm off at 8.0 m/s" in note
 
 
 def test_a_result_is_deskewed_and_states_the_speed(

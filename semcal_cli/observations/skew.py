@@ -76,6 +76,11 @@ class Skew(NamedTuple):
             drive.time_offset_sigma_s if is_stated else MOMENT_SIGMA_S,
         )
 
+    @property
+    def since_facing_s(self) -> float:
+        """Mean time from when the LiDAR faces the view of the camera to the image, seconds; negative before."""
+        return float(np.mean(self.moments_s) - self.spin.times(self.view[None])[0])
+
     @classmethod
     def undone(
         cls, observations: Observations, drive: Drive, T_camera_lidar: Pose, speed_m_s: float

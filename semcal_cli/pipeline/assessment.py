@@ -9,7 +9,6 @@ from time import perf_counter
 
 import numpy as np
 
-from semcal_cli.checks.camera_motion import check_camera_motion
 from semcal_cli.checks.cues_disagree import check_coarse_cue
 from semcal_cli.checks.families import check_consistency, check_recording, check_uncertainty
 from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
@@ -20,14 +19,11 @@ from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.checks.scale import check_scale
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.wrong_intrinsics import check_intrinsics
-from semcal_cli.checks.wrong_motion import check_stated_motion
 from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import K_ENTRIES, sigma_of
 from semcal_cli.errors import counted
 from semcal_cli.estimation.adjust.clock import KNOW_MOTION, ClockUncertainty, notes_on_clock
-from semcal_cli.estimation.adjust.deskewed import remaining_speed
 from semcal_cli.estimation.adjust.intrinsics_estimate import IntrinsicsEstimate, estimate_intrinsics
-from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
 from semcal_cli.estimation.uncertainty.covariance import (
     estimate_uncertainty,
     label_bleed,
@@ -42,11 +38,10 @@ from semcal_cli.estimation.uncertainty.intrinsics import (
 from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.findings.check import Measured, findings_among
+from semcal_cli.findings.check import findings_among
 from semcal_cli.findings.symptoms import CLOCKS, OF_A_LOST_POSE, UNTIED_CLOCKS
 from semcal_cli.geometry.arrays import Matrix
 from semcal_cli.observations.loading import LoadedDrive
-from semcal_cli.observations.skew import Skew
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
@@ -343,46 +338,3 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
         measured += aligned.measured
         notes += aligned.notes
     return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured)
-
-
-def check_motion(data: LoadedDrive, stages: Stages) -> Stages:
-    """Check that the stated motion leaves no speed in the sweeps; a speed without a direction cannot be checked."""
-    motion, assessment = data.drive.motion, stages.assessment
-    if motion is None or assessment is None or motion.speed_m_s:
-        return stages
-    skew = Skew.of(data.drive.model_copy(update={"motion": None}), stages.T_camera_lidar)
-    left = None if skew is None else remaining_speed(data.observations, skew, stages.T_camera_lidar)
-    if left is None:
-        return stages
-    sigma_m_s = 0.0 if motion.sigma is None else motion.sigma.linear_m_s
-    return replace(stages, assessment=assessment.with_measured(check_stated_motion(left, sigma_m_s)))
-
-
-def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignore) -> Stages:
-    """Compare the rotation of an assessed pose with the one that the motion of camera and LiDAR gives.
-
-    Without a motion or consecutive images, the stages are returned unchanged.
-
-    Raises:
-        InputError: an image or the file of the poses is missing or wrong.
-    """
-    assessment = stages.assessment
-    if assessment is None:
-        return stages
-    on_event(Progress("comparing the motion of camera and LiDAR"))
-    start = perf_counter()
-    by_motion = (stages.searched and stages.searched.by_motion) or hand_eye(data.recorded or data.drive)
-    if isinstance(by_motion, NotDetermined) and by_motion.is_unsuited:
-        return stages
-    measured = list[Measured]()
-    if isinstance(by_motion, NotDetermined):
-        note = f"the rotation was not checked against the motion of camera and LiDAR: {by_motion.why}"
-    else:
-        covariance = None if stages.uncertainty is None else np.array(stages.uncertainty.covariance)
-        measured.append(check_camera_motion(by_motion, stages.T_camera_lidar, covariance))
-        note = (
-            f"{by_motion.sentence}, which {'contradicts' if measured[0].findings else 'agrees with'} the pose"
-        )
-    on_event(StageDone("motion", perf_counter() - start, note))
-    notes = (*assessment.notes, note)
-    return replace(stages, assessment=replace(assessment, notes=notes).with_measured(*measured))

@@ -1,4 +1,4 @@
-"""The whole pipeline: initialize, refine_and_polish, assess, check_motion, compare_motion and make_calibration.
+"""The whole pipeline: initialize, refine_and_polish, assess, compare_speed, compare_motion and make_calibration.
 
 Cross-validation and repetition with other seeds follow the assessment, on request. `verification`, `many/rig` and the
 experiments call the same stages.
@@ -21,9 +21,10 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive, load
-from semcal_cli.pipeline.assessment import assess, check_motion, compare_motion
+from semcal_cli.pipeline.assessment import assess
 from semcal_cli.pipeline.conclusion import make_calibration
 from semcal_cli.pipeline.cross_validation import estimate_folds, split_scenes
+from semcal_cli.pipeline.motion_assessment import compare_motion, compare_speed
 from semcal_cli.pipeline.pose_stages import check_options, initialize, is_polished, refine_and_polish
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import CalibrationDocument
@@ -63,7 +64,7 @@ def calibrate(
         data, initial, config.refinement, config.seed, priors, on_event, candidates=candidates
     )
     stages = assess(data, stages, config.refinement, on_event)
-    stages = check_motion(data, stages)
+    stages = compare_speed(data, stages)
     stages = compare_motion(data, stages, on_event)
     if config.num_folds > 1:
         stages = cross_validate(data, stages, config, on_event)
