@@ -263,6 +263,19 @@ def test_the_origin_is_found_from_the_points_and_stated(vehicle: Path, cli: Cli)
     assert not inspect(read_drive(stating(vehicle, origin_m))).suspicions
 
 
+def test_a_doubtful_pose_by_edges_is_explained_by_the_origin(
+    fine_street: Path, vehicle: Path, street_truth: Pose
+) -> None:
+    def topics(drive: Path, by_m: np.ndarray) -> list[str]:
+        data = load(with_frames(read_drive(drive), range(3)), CalibrationConfig(cues=("edges",)))
+        return [finding.topic for finding in judged(data, street_truth @ translation(-by_m)).findings]
+
+    assert "wrong-origin" in topics(vehicle, ROOF_M)
+    usual = topics(fine_street, np.zeros(3))
+    assert "few-scenes" in usual
+    assert "wrong-origin" not in usual
+
+
 def test_an_origin_at_the_limit_of_the_search_is_not_proposed(fine_street: Path, tmp_path: Path) -> None:
     far = with_sweeps_moved(fine_street, tmp_path / "drive", np.array([5.0, 0.0, 1.7], np.float32))
     (said,) = (text for text in inspect(read_drive(far)).suspicions if "neighbouring rays" in text)

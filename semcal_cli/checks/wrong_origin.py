@@ -13,11 +13,13 @@ from semcal_cli.files.input_files import read_start
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
+from semcal_cli.findings.symptoms import OF_A_WRONG_POSE
 from semcal_cli.geometry.arrays import Points, Vector
 
 WRONG_ORIGIN = Check(
     topic="wrong-origin",
     advice="edges, segments and occlusion need the true place",
+    explains=OF_A_WRONG_POSE | {"far-start"},
     entry=Entry(
         title="Rays start elsewhere than at the origin of the points",
         section=PageSection.INSPECTION,

@@ -10,15 +10,14 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli.checks.cues_disagree import check_coarse_cue
-from semcal_cli.checks.families import check_consistency, check_recording, check_uncertainty
+from semcal_cli.checks.families import check_consistency, check_labels, check_recording, check_uncertainty
 from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
-from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.checks.moved_camera import check_frames
 from semcal_cli.checks.odd_frames import check_pairs
 from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.checks.scale import check_scale
-from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.wrong_intrinsics import check_intrinsics
+from semcal_cli.checks.wrong_origin import check_origin
 from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import K_ENTRIES, sigma_of
 from semcal_cli.errors import counted
@@ -92,6 +91,11 @@ def assess(
         by_coarse_cue = check_coarse_cue(coarse_cue, T, stages.initial.T_camera_lidar)
         assessment = assessment.with_measured(by_coarse_cue)
     stages = replace(stages, assessment=assessment)
+    if stages.findings and data.policy.wanting_scenes:
+        # Rays that start elsewhere explain what speaks against a pose by edges. One sweep shows it.
+        origin = check_origin(data.drive, [seen.rays(seen.clouds[0].points)])
+        assessment = replace(assessment, findings=(*origin, *assessment.findings))
+        stages = replace(stages, assessment=assessment)
     doubts = "there are doubts" if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))
     return stages
@@ -330,11 +334,6 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     has_labels = any(frame.image_labels is not None for frame in frames)
     if has_labels and all(frame.image is None for frame in frames):
         notes.append("labels were not checked against images: the drive has no images")
-    for name, cue in data.policy.cues.items():
-        if cue.has_point_labels:
-            measured += check_leaks(data.of_cue(name), T)
-    if data.policy.cues[data.cues[0]].has_image_labels:
-        aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
-        measured += aligned.measured
-        notes += aligned.notes
-    return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured)
+    of_labels, notes_on_labels = check_labels(data, T)
+    notes += notes_on_labels
+    return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured, *of_labels)
