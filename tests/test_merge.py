@@ -77,15 +77,43 @@ def test_what_differs_is_said(tmp_path: Path) -> None:
             20.0,
             "point_columns: found another value than in {first}, expected the same",
         ),
-        ({}, 10.5, "found poses from 10.000 s on, before the last of"),
+        (
+            {"motion": {"poses": "lidar.txt", "point_times": "absolute"}},
+            10.5,
+            "found poses from 10.000 s on, before the last of",
+        ),
     ],
 )
 def test_drives_that_do_not_fit(tmp_path: Path, changes: dict, first_s: float, message: str) -> None:
-    first = write_drive(tmp_path / "first", 10.0)
+    both = {"motion": changes["motion"]} if first_s < 20.0 else {}
+    first = write_drive(tmp_path / "first", 10.0, **both)
     second = write_drive(tmp_path / "second", first_s, **changes)
     result = invoke("merge", first, second, "-o", tmp_path / "both")
     assert message.format(first=first / "drive.yaml") in str(result.exception)
     assert not (tmp_path / "both" / "drive.yaml").exists()
+
+
+def test_drives_whose_clocks_begin_anew_follow_one_another(tmp_path: Path) -> None:
+    """Their frames are 10 s apart, and so are their poses, which reach half a second beyond them."""
+    first, second = write_drive(tmp_path / "first", 0.0), write_drive(tmp_path / "second", 0.2)
+    result = invoke("merge", first, second, "-o", tmp_path / "both")
+    assert result.exit_code == 0, result.output
+    assert "note: the clocks of the drives begin anew: each is placed 10 s after" in result.stderr
+    drive = read_drive(tmp_path / "both")
+    for key in ("points_stamp", "image_stamp"):
+        assert [getattr(frame, key) for frame in drive.frames] == [0.0, 1.0, 11.0, 12.0]
+    poses = np.loadtxt(tmp_path / "both" / "poses" / "drive.txt")
+    np.testing.assert_allclose(poses[:, 0], [-0.5, 0.5, 1.5, 10.5, 11.5, 12.5])
+    np.testing.assert_array_equal(poses[:3, 1:], poses[3:, 1:])
+
+
+def test_drives_on_one_clock_do_not_overlap(tmp_path: Path) -> None:
+    """Stamps since 1970 are on one clock: two drives of one moment are not of one rig."""
+    first, second = (
+        write_drive(tmp_path / name, 1.5e9 + at) for name, at in (("first", 0.0), ("second", 0.5))
+    )
+    result = invoke("merge", first, second, "-o", tmp_path / "both")
+    assert "expected drives of different times" in str(result.exception)
 
 
 def test_the_poses_of_another_drive_do_not_cover_a_frame(tmp_path: Path) -> None:
