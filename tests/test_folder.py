@@ -145,6 +145,33 @@ def test_own_data(tmp_path: Path) -> None:
     assert "note: --image-labels: 2 pairs by name; unpaired: 1 cloud, 1 file\n" in stderr
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "is_of_aspect"), [(128, 64, True), (15, 7, True), (128, 61, False)]
+)
+def test_a_k_of_resized_images_is_converted_only_on_request(
+    tmp_path: Path, width: int, height: int, is_of_aspect: bool
+) -> None:
+    """A side of the smaller image may be rounded, either way."""
+    arguments = own_data(tmp_path / "own")
+    K = [50.0, 0, 31.5, 0, 60.0, 15.5, 0, 0, 1]
+    info = {"distortion_model": "plumb_bob", "width": width, "height": height, "K": K, "D": [0.0] * 5}
+    write(tmp_path / "own/camera.yaml", yaml.safe_dump(info))
+    problem = complaint("folder", *arguments, "-o", tmp_path / "drive")
+    found = f"found an image of 64 x 32 pixels, needed {width} x {height}, as {tmp_path / 'own/camera.yaml'} states"
+    advice = "; if the images were resized, --resized converts K" if is_of_aspect else ""
+    assert problem == f"{tmp_path / 'own/labels/000002.png'}: {found}{advice}"
+    if is_of_aspect:
+        run_import("folder", *arguments, "--resized", "-o", tmp_path / "drive")
+        camera = read_drive(tmp_path / "drive").camera
+        assert camera.size == (64, 32)
+        np.testing.assert_allclose(np.diag(camera.K)[:2], [50.0 * 64 / width, 60.0 * 32 / height])
+    else:
+        problem = complaint("folder", *arguments, "--resized", "-o", tmp_path / "drive")
+        assert (
+            problem == "--resized: found images of 64 x 32 pixels, expected the aspect of 128 x 61, as K has"
+        )
+
+
 def test_files_paired_by_number_are_named(tmp_path: Path) -> None:
     arguments = own_data(tmp_path / "own")
     for path in (tmp_path / "own" / "labels").iterdir():

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from semcal_cli.cli.accumulate import MAX_SWEEPS, accumulate_into
-from semcal_cli.cli.import_settings import ImportSettings, max_gap, sweeps_drive
+from semcal_cli.cli.import_settings import ImportSettings, max_gap, resized, sweeps_drive
 from semcal_cli.cli.import_values import PointColumns, TimeUnit
 from semcal_cli.cli.options import max_points
 from semcal_cli.cli.rules import given
@@ -47,6 +47,7 @@ class FolderSettings(ImportSettings):
     model: str | None = option(
         "Camera model, if the intrinsics file names none or the wrong one.", metavar="NAME"
     )
+    is_resized: bool = resized()
     reference: Path | None = option(
         "T_camera_lidar to start from and to compare with, in any known format.", metavar="FILE"
     )

@@ -23,6 +23,12 @@ def max_gap(default: float | None = None, **maximum: float) -> Any:
     return option(text, default=default, above=0.0, metavar="S", **maximum)
 
 
+def resized() -> Any:
+    """Declare the option that converts K to the size of the images."""
+    text = "Images were resized after the camera was calibrated: convert K to their size, of the same aspect."
+    return option(text, "--resized", default=False)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ImportSettings(QuietSettings):
     """Options of every import of files."""

@@ -6,6 +6,7 @@ import glob
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_reference
-from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.formats.camera_block import read_intrinsics, resized, size_problem
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.importing.dataset_tree import (
@@ -63,6 +64,8 @@ class FilePatterns:
     """Name of a camera in a Kalibr camchain; None for the only one."""
     model: str | None = None
     """Camera model, if the file of the intrinsics names none or a wrong one."""
+    is_resized: bool = False
+    """Whether images were resized after the camera was calibrated, so that K is converted to their size."""
     reference: Path | None = None
     """File of a transform to compare with."""
     reference_direction: Direction | None = None
@@ -100,10 +103,7 @@ def read(patterns: FilePatterns) -> Recording:
         InputError: a pattern matches nothing or a file of an unknown format, nothing can be paired, no cloud has all
             its files, or a file is wrong.
     """
-    size_option = "--images" if patterns.images else "--image-labels"
-    pattern = patterns.images or patterns.image_labels
-    size = None if pattern is None else lambda: read_size(_find(size_option, pattern)[0])
-    camera = read_intrinsics(patterns.camera_info, patterns.camera, patterns.model, size)
+    camera = _camera(patterns)
     clouds = _find("--points", patterns.points)
     point_labels = _partners(clouds, "--point-labels", patterns.point_labels, patterns.max_gap_s)
     image_labels = _partners(clouds, "--image-labels", patterns.image_labels, patterns.max_gap_s)
@@ -158,6 +158,24 @@ def read(patterns: FilePatterns) -> Recording:
         read=(patterns.camera_info, *([drive_file(patterns.reference)] if patterns.reference else [])),
         labels_by="GLOB",
     )
+
+
+def _camera(patterns: FilePatterns) -> dict[str, Any]:
+    """Read the camera, and compare it with the size of the first image, to which it is converted on request."""
+    option = "--images" if patterns.images else "--image-labels"
+    pattern = patterns.images or patterns.image_labels
+    image = None if pattern is None else _find(option, pattern)[0]
+    size = None if image is None else lambda: read_size(image)
+    camera = read_intrinsics(patterns.camera_info, patterns.camera, patterns.model, size)
+    if image is None or size is None or not image.name.lower().endswith(IMAGE_SUFFIXES):
+        if patterns.is_resized:
+            raise InputError("--resized: found no images, expected some by --images")
+        return camera
+    if patterns.is_resized:
+        return resized(camera, size())
+    if problem := size_problem(camera, size(), f"{patterns.camera_info} states"):
+        raise InputError(f"{image}: {problem}")
+    return camera
 
 
 def _with_time_unit(

@@ -19,7 +19,7 @@ import numpy as np
 
 from semcal_cli.config.nanoseconds import NS
 from semcal_cli.events import Listener, Progress
-from semcal_cli.formats.camera_block import resized
+from semcal_cli.formats.camera_block import size_problem
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import image_file
 from semcal_cli.importing.bags.messages import Message, MessageError
@@ -156,16 +156,8 @@ class FrameWriter:
         return frame._replace(source=replace(frame.source, image=image, image_stamp=pair.image_ns / NS))
 
     def _check_size(self, size: tuple[int, int]) -> None:
-        needed = self.camera["width"], self.camera["height"]
-        if size == needed:
-            return
-        image_size, camera_size = ("{} x {}".format(*sides) for sides in (size, needed))
-        advice = (
-            "" if resized(self.camera, size) is None else "; if the images were resized, --resized converts K"
-        )
-        raise MessageError(
-            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state{advice}"
-        )
+        if problem := size_problem(self.camera, size):
+            raise MessageError(problem)
 
     def _write_sweep(self, sweep: Sweep, stamp_ns: int) -> WrittenFrame:
         path = self.folder / "points" / _slug(self.topics.points.name) / f"{seconds_text(stamp_ns)}.pcd"
