@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 import yaml
 from camera_infos import LENS
+from commands import unwrapped
 from dataset_imports import complaint, run_import
 from dataset_trees import POINTS, own_data, write
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.formats.frame_names import T_BODY_OPTICAL
+from semcal_cli.geometry.poses import pose_from_quaternion
 from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
 from semcal_cli.observations.reading import read_clouds
 
@@ -143,6 +146,24 @@ def test_own_data(tmp_path: Path) -> None:
     assert drive.frames[0].points_stamp is None
     np.testing.assert_array_equal(drive.T_camera_lidar, T)
     assert "note: --image-labels: 2 pairs by name; unpaired: 1 cloud, 1 file\n" in stderr
+
+
+def test_a_reference_of_a_body_frame_is_noticed(tmp_path: Path) -> None:
+    """Its camera would look up; what is printed to come next does not start from it."""
+    arguments = own_data(tmp_path / "own")
+    labels = arguments.index("--image-labels")
+    arguments[labels] = "--images"
+    T_body_lidar = pose_from_quaternion([0.0, 0.0, 0.6, 0.8], [0.3, 0.0, -0.1])
+    write(tmp_path / "body.yaml", yaml.safe_dump({"T_camera_lidar": T_body_lidar.tolist()}))
+    for axes, is_doubted in ((None, True), ("body", False), ("optical", False)):
+        stated = () if axes is None else ("--reference-frame", axes)
+        options = (*stated, "--reference", tmp_path / "body.yaml", "-o", tmp_path / "drive", "--force")
+        stderr = unwrapped(run_import("folder", *arguments, *options), 6)
+        assert ("probably a body frame (x forward, y left, z up)" in stderr) == is_doubted
+        assert ("--reference-frame body converts the reference" in stderr) == is_doubted
+        assert stderr.rstrip().endswith("--init-rpy-xyz R P Y X Y Z") == (axes != "body")
+        T = np.linalg.inv(T_BODY_OPTICAL) @ T_body_lidar if axes == "body" else T_body_lidar
+        np.testing.assert_allclose(read_drive(tmp_path / "drive").T_camera_lidar, T, atol=1e-12)
 
 
 @pytest.mark.parametrize(

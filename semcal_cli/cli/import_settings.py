@@ -109,8 +109,8 @@ def tell_written(
 
     The path of a temporary drive helps nobody: what was `read` stands in its place.
     """
+    from semcal_cli.cli.start import after_import
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.result.next_steps import after_import
 
     remarks = (line for remark in written.remarks for line in wrapped("note:", remark, indent=6))
     wrote = f"wrote {written.path}" if read is None else f"read {read}"

@@ -35,19 +35,13 @@ def merge(settings: MergeSettings) -> None:
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.drive.document import read_drive
     from semcal_cli.errors import counted
-    from semcal_cli.importing.joined_sequences import BETWEEN_DRIVES_S
     from semcal_cli.importing.merged_drive import merge_drives
 
     drives = [read_drive(path, settings.max_points) for path in settings.drives]
     merged = merge_drives(drives, settings.output, force=settings.force)
     if settings.quiet:
         return
-    remarks = [f"{key} is not the same in all drives, and is left out" for key in merged.left_out]
-    if merged.is_spaced:
-        remarks.append(
-            f"the clocks of the drives begin anew: each is placed {BETWEEN_DRIVES_S:g} s after the one before"
-        )
-    notes = (line for remark in remarks for line in wrapped("note:", remark, indent=6))
+    notes = (line for remark in merged.remarks for line in wrapped("note:", remark, indent=6))
     num_frames, num_drives = counted(merged.num_frames, "frame"), counted(len(drives), "drive")
     for line in (f"wrote {merged.path}: {num_frames} of {num_drives}", *notes):
         click.echo(line, err=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.config.directions import Direction
+from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
@@ -20,10 +20,14 @@ from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
-from semcal_cli.formats import read_reference
 from semcal_cli.formats.camera_block import read_intrinsics, resized, size_problem
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.frame_names import T_BODY_OPTICAL
 from semcal_cli.formats.node import rigid
+from semcal_cli.formats.transform_files import REFERENCE_DIRECTION, read_extrinsic
 from semcal_cli.geometry.arrays import Numbers, Pose
+from semcal_cli.geometry.poses import inverse
+from semcal_cli.importing.body_frames import body_frame_doubts
 from semcal_cli.importing.dataset_tree import (
     CLOUD_SUFFIXES,
     IMAGE_LABEL_SUFFIXES,
@@ -42,6 +46,8 @@ SUFFIXES = {
     "--images": IMAGE_SUFFIXES,
 }
 """Suffixes of the files that are read, by the option of their pattern."""
+REFERENCE_FRAME = "--reference-frame"
+"""Option that states the axes of the camera's frame in the reference."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,8 @@ class FilePatterns:
     """File of a transform to compare with."""
     reference_direction: Direction | None = None
     """Direction of a matrix whose file does not state it."""
+    reference_frame: CameraFrame | None = None
+    """Axes of the camera's frame in the reference; None for those that the file states, or optical ones."""
     synchronization: Synchronization = "unknown"
     """What ties the images to the moments of the clouds."""
     max_points: int = MAX_POINTS
@@ -146,15 +154,23 @@ def read(patterns: FilePatterns) -> Recording:
         )
         for cloud in usable_clouds
     ]
+    T_camera_lidar, doubts = (
+        (None, ()) if patterns.reference is None else _reference(patterns, patterns.reference)
+    )
     return Recording(
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
-        T_camera_lidar=None
-        if patterns.reference is None
-        else _reference(patterns.reference, patterns.reference_direction),
+        T_camera_lidar=T_camera_lidar,
         synchronization=patterns.synchronization,
         point_form=form,
-        remarks=(*own_labels, *unit_remarks, *point_labels.remarks, *image_labels.remarks, *images.remarks),
+        remarks=(
+            *doubts,
+            *own_labels,
+            *unit_remarks,
+            *point_labels.remarks,
+            *image_labels.remarks,
+            *images.remarks,
+        ),
         read=(patterns.camera_info, *([drive_file(patterns.reference)] if patterns.reference else [])),
         labels_by="GLOB",
     )
@@ -234,6 +250,17 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     return Partners(partners, stamps_s(files), (counts,) if any(num_unpaired) or is_by_number else ())
 
 
-def _reference(path: Path, direction: Direction | None) -> Pose:
+def _reference(patterns: FilePatterns, path: Path) -> tuple[Pose, tuple[str, ...]]:
+    """Read the transform to compare with, and doubts about its frame."""
+    direction, axes = patterns.reference_direction, patterns.reference_frame
+    names = {"direction": REFERENCE_DIRECTION, "frame": REFERENCE_FRAME}
     with np.errstate(all="ignore"):
-        return rigid(f"{path}", read_reference(path, direction).T_camera_lidar, MAX_TRANSLATION_M)
+        extrinsic = read_extrinsic(
+            path, None, FormatOptions(direction, axes, names=names), ignores_unasked=True
+        )
+        T = rigid(f"{path}", extrinsic.T_camera_lidar, MAX_TRANSLATION_M)
+    if "frame" in extrinsic.asks or axes == "optical":
+        return T, ()
+    if axes == "body":
+        return inverse(T_BODY_OPTICAL) @ T, ()
+    return T, tuple(body_frame_doubts(f"the camera's frame in {path}", T, REFERENCE_FRAME))

@@ -30,6 +30,8 @@ BLOCKS_OF_ALL = (
 """Fields of a recording that are the same in all sequences of one drive."""
 BETWEEN_DRIVES_S = 10.0
 """Time from the end of a drive to the start of the next one whose clock began anew, whatever it was."""
+SPACED = f"the clocks of the {{}} begin anew: each is placed {BETWEEN_DRIVES_S:g} s after the one before"
+"""Remark on drives that are moved in time."""
 SHARED_CLOCK_S = 1e9
 """Stamps from here on are times since 1970 (of September 2001), on one clock for all drives."""
 
@@ -55,9 +57,7 @@ def join_sequences(
     (first_name, first), *others = recordings.items()
     frames, remarks = list(first.frames), list(first.remarks)
     if is_spaced:
-        remarks.append(
-            f"the clocks of the sequences begin anew: each is placed {BETWEEN_DRIVES_S:g} s after the one before"
-        )
+        remarks.append(SPACED.format("sequences"))
     for name, recording in others:
         if (block := _differing_block(recording, first)) is not None:
             raise InputError(

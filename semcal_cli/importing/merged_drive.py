@@ -21,7 +21,7 @@ from semcal_cli.files.input_files import is_same_file, read_text
 from semcal_cli.files.output_files import remove_if_refused
 from semcal_cli.files.validation import validate
 from semcal_cli.importing.drive_folder import check_may_replace
-from semcal_cli.importing.joined_sequences import clock_shifts_s, later
+from semcal_cli.importing.joined_sequences import SPACED, clock_shifts_s, later
 from semcal_cli.importing.stamps import seconds_text
 from semcal_cli.observations.frame_selection import with_frames
 from semcal_cli.observations.motion import compensated, read_poses
@@ -54,10 +54,8 @@ class MergedDrive(NamedTuple):
     """The drive.yaml."""
     num_frames: int
     """Number of its frames."""
-    left_out: tuple[str, ...]
-    """Keys that are left out, since they are not the same in all drives."""
-    is_spaced: bool
-    """Whether drives are moved in time, since their clocks begin anew."""
+    remarks: tuple[str, ...]
+    """Sentences that the user should read: keys that are left out, and drives that are moved in time."""
 
 
 def merge_drives(drives: Sequence[Drive], out: Path, *, force: bool = False) -> MergedDrive:
@@ -90,9 +88,12 @@ def merge_drives(drives: Sequence[Drive], out: Path, *, force: bool = False) -> 
         }
         check_may_replace(path, lambda file, frame: os.path.realpath(file) in known_files)
     left_out = tuple(key for key in OPTIONAL if not _have_same(drives, key))
+    remarks = [f"{key} is not the same in all drives, and is left out" for key in left_out]
     # What nobody stated, such as the clock, is not stated by a copy.
     document = first.model_dump(mode="json", exclude_unset=True, exclude_none=True, exclude=set(left_out))
     shifts_s = _shifts_s(drives)
+    if any(shifts_s):
+        remarks.append(SPACED.format("drives"))
     document["frames"] = [
         described_frame(drive, _later(frame, shift_s), path)
         for drive, shift_s in zip(drives, shifts_s, strict=True)
@@ -110,7 +111,7 @@ def merge_drives(drives: Sequence[Drive], out: Path, *, force: bool = False) -> 
         if poses is not None:
             write(poses.encode(), poses_path)
         write(document_text(document, "yaml").encode(), path)
-    return MergedDrive(path, len(document["frames"]), left_out, any(shifts_s))
+    return MergedDrive(path, len(document["frames"]), tuple(remarks))
 
 
 def _check_kept(drive: Drive, outputs: tuple[Path, ...]) -> None:
