@@ -37,7 +37,7 @@ from semcal_cli.importing.dataset_tree import (
 )
 from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
 from semcal_cli.importing.recording import Recording, SourceFrame
-from semcal_cli.observations.point_times import deduced_unit
+from semcal_cli.observations.point_times import deduced_unit, may_be_shares
 
 SUFFIXES = {
     "--points": CLOUD_SUFFIXES,
@@ -46,6 +46,11 @@ SUFFIXES = {
     "--images": IMAGE_SUFFIXES,
 }
 """Suffixes of the files that are read, by the option of their pattern."""
+OPEN_UNIT = (
+    "point times: from 0 to 1, which may be seconds or shares of a sweep; --time-unit states them: s, or the seconds "
+    "of a sweep, such as 0.1"
+)
+"""Remark on times whose unit a motion will need."""
 REFERENCE_FRAME = "--reference-frame"
 """Option that states the axes of the camera's frame in the reference."""
 
@@ -198,11 +203,12 @@ def _with_time_unit(
     form: PointForm, times_s: Numbers | None, stamps: Sequence[float]
 ) -> tuple[PointForm, tuple[str, ...]]:
     """State the unit of point times where the time between clouds shows it, and say so."""
-    if times_s is None or form.time_unit is not None or len(stamps) < 2:
+    if times_s is None or form.time_unit is not None:
         return form, ()
-    unit = deduced_unit(times_s, float(np.median(np.diff(sorted(stamps)))))
+    unit = deduced_unit(times_s, float(np.median(np.diff(sorted(stamps)))) if len(stamps) > 1 else None)
     if unit is None:
-        return form, ()
+        is_open = may_be_shares(float(times_s.min()), float(times_s.max()))
+        return form, (OPEN_UNIT,) if is_open else ()
     meaning = unit if isinstance(unit, str) else f"shares of a turn of {unit:g} s"
     remark = f"point times: taken as {meaning}, in which a sweep lasts until the next one; --time-unit states another"
     return form._replace(time_unit=unit), (remark,)

@@ -18,6 +18,7 @@ from urllib.parse import quote
 import numpy as np
 
 from semcal_cli.config.nanoseconds import NS
+from semcal_cli.config.point_files import AS_USUAL, PointForm
 from semcal_cli.events import Listener, Progress
 from semcal_cli.formats.camera_block import size_problem
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
@@ -30,6 +31,7 @@ from semcal_cli.importing.bags.topics import BagRequest, Topics
 from semcal_cli.importing.recording import SourceFrame
 from semcal_cli.importing.stamps import seconds_text
 from semcal_cli.importing.sweep_odometry import SIGMA
+from semcal_cli.observations.point_times import may_be_shares
 
 MAX_NAME = 100
 """Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
@@ -200,6 +202,12 @@ def write_motion(
     if trajectory.source is None:
         block["sigma"] = SIGMA
     return block, covered, f"{remark}; the drive uses it"
+
+
+def form_of_open_times(written: Sequence[WrittenFrame]) -> PointForm:
+    """State the unit of times from 0 to 1, which the files alone leave open."""
+    units = Counter(frame.times.unit for frame in written if may_be_shares(*frame.times.ends_s))
+    return PointForm(time_unit=units.most_common(1)[0][0]) if units else AS_USUAL
 
 
 def _slug(topic: str) -> str:
