@@ -64,18 +64,26 @@ def test_what_differs_is_said(tmp_path: Path) -> None:
     ("changes", "first_s", "message"),
     [
         ({"camera": CAMERA | {"width": 65}}, 20.0, "camera: found another width, expected the same camera"),
-        ({"camera": CAMERA | {"mask": "m.png"}}, 20.0, "camera.mask: found another value than in {first}"),
-        ({"classes": {"points": {"road": [1]}}}, 20.0, "classes: found another value than in {first}"),
+        (
+            {"camera": CAMERA | {"mask": "m.png"}},
+            20.0,
+            "camera.mask: found '{second}/m.png', expected nothing as in {first}",
+        ),
+        (
+            {"classes": {"points": {"road": [1]}}},
+            20.0,
+            "classes: found a mapping, expected nothing as in {first}",
+        ),
         (
             {"motion": {"speed_m_s": 1.0}},
             20.0,
-            "motion: found another value than in {first}, expected the same",
+            "motion.poses: found nothing, expected 'a file' as in {first}",
         ),
-        ({"time_unit": "ms"}, 20.0, "time_unit: found another value than in {first}, expected the same"),
+        ({"time_unit": "ms"}, 20.0, "time_unit: found 'ms', expected nothing as in {first}"),
         (
             {"point_columns": ["x", "y", "z", "time"]},
             20.0,
-            "point_columns: found another value than in {first}, expected the same",
+            "point_columns: found ['x', 'y', 'z', 'time'], expected nothing as in {first}",
         ),
         (
             {"motion": {"poses": "lidar.txt", "point_times": "absolute"}},
@@ -89,7 +97,7 @@ def test_drives_that_do_not_fit(tmp_path: Path, changes: dict, first_s: float, m
     first = write_drive(tmp_path / "first", 10.0, **both)
     second = write_drive(tmp_path / "second", first_s, **changes)
     result = invoke("merge", first, second, "-o", tmp_path / "both")
-    assert message.format(first=first / "drive.yaml") in str(result.exception)
+    assert message.format(first=first / "drive.yaml", second=second) in str(result.exception)
     assert not (tmp_path / "both" / "drive.yaml").exists()
 
 
@@ -105,6 +113,33 @@ def test_drives_whose_clocks_begin_anew_follow_one_another(tmp_path: Path) -> No
     poses = np.loadtxt(tmp_path / "both" / "poses" / "drive.txt")
     np.testing.assert_allclose(poses[:, 0], [-0.5, 0.5, 1.5, 10.5, 11.5, 12.5])
     np.testing.assert_array_equal(poses[:3, 1:], poses[3:, 1:])
+
+
+def test_the_key_and_the_values_that_differ_are_named(tmp_path: Path) -> None:
+    lidar = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
+    spin = {"rate_hz": 10.0, "clockwise": True, "seam_deg": 180.0}
+    first = write_drive(tmp_path / "first", 10.0, lidar=lidar | {"spin": spin})
+    second = write_drive(tmp_path / "second", 20.0, lidar=lidar | {"spin": spin | {"rate_hz": 20.0}})
+    result = invoke("merge", first, second, "-o", tmp_path / "both")
+    problem = f"lidar.spin.rate_hz: found 20.0, expected 10.0 as in {first / 'drive.yaml'}"
+    assert str(result.exception) == f"{second / 'drive.yaml'}: {problem}"
+
+
+def test_a_frame_counts_once(tmp_path: Path) -> None:
+    """Under another name of its drive, too; the same sweep with another image is another frame."""
+    first = write_drive(tmp_path / "first", 10.0)
+    (tmp_path / "link").symlink_to(first)
+    for again in (first, tmp_path / "link"):
+        result = invoke("merge", first, again, "-o", tmp_path / "both")
+        found = (
+            f"frames[0.bin].points: found a frame that {first / 'drive.yaml'} has, too, expected other frames"
+        )
+        assert found in str(result.exception)
+    document = yaml.safe_load((first / "drive.yaml").read_text())
+    for index, frame in enumerate(document["frames"]):
+        frame["image"] = f"{index}.png"
+    (first / "other.yaml").write_text(yaml.safe_dump(document))
+    assert invoke("merge", first, first / "other.yaml", "-o", tmp_path / "both").exit_code == 0
 
 
 def test_drives_on_one_clock_do_not_overlap(tmp_path: Path) -> None:

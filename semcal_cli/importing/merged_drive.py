@@ -15,11 +15,11 @@ from semcal_cli.config.nanoseconds import NS
 from semcal_cli.drive.document import Drive, output_drive_file
 from semcal_cli.drive.frames import FILES, Frame
 from semcal_cli.drive.stated_motion import Motion
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.input_files import is_same_file, read_text
 from semcal_cli.files.output_files import remove_if_refused
-from semcal_cli.files.validation import validate
+from semcal_cli.files.validation import StrictModel, validate
 from semcal_cli.importing.drive_folder import check_may_replace
 from semcal_cli.importing.joined_sequences import SPACED, clock_shifts_s, later
 from semcal_cli.importing.stamps import seconds_text
@@ -43,6 +43,8 @@ SHARED = (
 """Keys whose values must be the same in all drives."""
 OPTIONAL = ("frame_ids", "networks", "synchronization", "T_camera_lidar")
 """Keys that are left out where their values are not the same."""
+MAX_SHOWN = 60
+"""Length of the longest list that a message writes out."""
 SAME_POSE = 1e-9
 """Largest difference of two references that are the same."""
 
@@ -69,15 +71,16 @@ def merge_drives(drives: Sequence[Drive], out: Path, *, force: bool = False) -> 
         force: Whether a drive.yaml of other data, or any other file in its place, is replaced.
 
     Raises:
-        InputError: the drives differ in the camera or in another key that counts for all frames, their poses overlap in
-            time or do not cover their own frames, a file cannot be read or written, or the drive.yaml is there and is
-            not one of these data.
+        InputError: the drives differ in the camera or in another key that counts for all frames, two of them have the
+            same frame, their poses overlap in time or do not cover their own frames, a file cannot be read or written,
+            or the drive.yaml is there and is not one of these data.
     """
     path, first = output_drive_file(out), drives[0]
     poses_path = path.parent / "poses" / f"{path.stem}.txt"
     for drive in drives:
         _check_kept(drive, (path, poses_path))
         _check_same(first, drive)
+    _check_no_frame_twice(drives)
     if not force:
         known_files = {
             os.path.realpath(drive.resolve(name))
@@ -148,9 +151,51 @@ def _check_same(first: Drive, drive: Drive) -> None:
     values["motion"] = _motion_of_any_poses(first), _motion_of_any_poses(drive)
     for key, (value, other) in values.items():
         if value != other:
+            place, known, found = _first_difference(key, *map(_plain, (value, other)))
             raise InputError(
-                f"{drive.path}: {key}: found another value than in {first.path}, expected the same"
+                f"{drive.path}: {place}: found {_shown(found)}, expected {_shown(known)} as in {first.path}"
             )
+
+
+def _check_no_frame_twice(drives: Sequence[Drive]) -> None:
+    """Check that no two drives have a frame of the same sweep and the same image: it would count twice."""
+    known = dict[tuple[str | None, ...], Path]()
+    for drive in drives:
+        names = [(frame, (frame.points, frame.image or frame.image_labels)) for frame in drive.frames]
+        files = {
+            tuple(name and os.path.realpath(drive.resolve(name)) for name in of_frame): frame
+            for frame, of_frame in names
+        }
+        for key, frame in files.items():
+            if (other := known.get(key)) is not None:
+                raise InputError(
+                    f"{drive.path}: {frame.key('points')}: found a frame that {other} has, too, expected other frames: "
+                    "leave out one of the drives, or the frame"
+                )
+        known |= dict.fromkeys(files, drive.path)
+
+
+def _plain(value: object) -> object:
+    """Return the content of a block as a document, and any other value as it is."""
+    return value.model_dump(mode="json") if isinstance(value, StrictModel) else value
+
+
+def _first_difference(key: str, value: object, other: object) -> tuple[str, object, object]:
+    """Find the first key in which two blocks differ, and its two values."""
+    if isinstance(value, dict) and isinstance(other, dict):
+        for name in {**value, **other}:
+            if value.get(name) != other.get(name):
+                return _first_difference(f"{key}.{name}", value.get(name), other.get(name))
+    return key, value, other
+
+
+def _shown(value: object) -> str:
+    """Describe a value, and write out a path and a short list."""
+    if isinstance(value, str):
+        return repr(value)
+    if isinstance(value, list | tuple) and len(text := str([*value])) <= MAX_SHOWN:
+        return text
+    return describe(value)
 
 
 def _located_mask(drive: Drive) -> object:
@@ -161,7 +206,7 @@ def _located_mask(drive: Drive) -> object:
 def _motion_of_any_poses(drive: Drive) -> Motion | None:
     """Return the motion with the same name for any file of poses."""
     motion = drive.motion
-    return motion and motion.model_copy(update={"poses": motion.poses and "poses"})
+    return motion and motion.model_copy(update={"poses": motion.poses and "a file"})
 
 
 def _have_same(drives: Sequence[Drive], key: str) -> bool:
