@@ -1,14 +1,15 @@
 """`semcal import folder`: own files, paired by time or by name."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from camera_infos import LENS
+from camera_infos import LENS, ROS
 from commands import unwrapped
 from dataset_imports import complaint, run_import
-from dataset_trees import POINTS, own_data, write
+from dataset_trees import POINTS, own_data, write, write_cloud, write_ids
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
@@ -205,6 +206,34 @@ def test_files_paired_by_number_are_named(tmp_path: Path) -> None:
     assert "2 pairs by the numbers in their names, such as 000002.bin with cam_2.png" in " ".join(
         stderr.split()
     )
+
+
+@pytest.mark.parametrize(
+    ("cloud", "image", "numbers", "is_doubted"),
+    [
+        ("lidar_{:06d}", "cam_{:06d}", range(12), True),
+        ("lidar_{}", "cam_{}", range(12), True),
+        ("{:06d}", "{:06d}", range(12), True),
+        ("{:06d}", "{:06d}", (0, 2, 3, *range(4, 13)), False),
+        ("lidar_{:06d}", "cam_{:06d}", (0, 1, 2, 3), False),
+        ("lidar_{:06d}", "cam_{:06d}", range(1, 13), False),
+    ],
+)
+def test_files_of_another_rate_are_not_paired_by_number_in_silence(
+    tmp_path: Path, cloud: str, image: str, numbers: Iterable[int], is_doubted: bool
+) -> None:
+    """Of 10 Hz clouds and 30 Hz images, those of one number are of different moments."""
+    for number in range(4):
+        write_cloud(tmp_path / f"{cloud.format(number)}.bin")
+    for number in numbers:
+        write_ids(tmp_path / f"{image.format(number)}.png")
+    write(tmp_path / "camera.yaml", ROS)
+    patterns = "--points", tmp_path / "*.bin", "--images", tmp_path / "*.png"
+    stderr = run_import(
+        "folder", *patterns, "--camera-info", tmp_path / "camera.yaml", "-o", tmp_path / "drive"
+    )
+    said = "4 clouds and 12 files are numbered from the same start: if they were recorded together"
+    assert (said in unwrapped(stderr, 6)) == is_doubted
 
 
 COUNTS = (

@@ -46,6 +46,8 @@ SUFFIXES = {
     "--images": IMAGE_SUFFIXES,
 }
 """Suffixes of the files that are read, by the option of their pattern."""
+MIN_RATIO = 1.5
+"""Smallest ratio of the numbers of files of two kinds that suggests another rate: 15 Hz beside 10."""
 OPEN_UNIT = (
     "point times: from 0 to 1, which may be seconds or shares of a sweep; --time-unit states them: s, or the seconds "
     "of a sweep, such as 0.1"
@@ -253,7 +255,25 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     num_unpaired = len(clouds) - len(partners), len(files) - len(partners)
     unpaired = f"{counted(num_unpaired[0], 'cloud')}, {counted(num_unpaired[1], 'file')}"
     counts = f"{option}: {counted(len(partners), 'pair')} {rule}; unpaired: {unpaired}"
-    return Partners(partners, stamps_s(files), (counts,) if any(num_unpaired) or is_by_number else ())
+    remarks = [counts] if any(num_unpaired) or is_by_number else []
+    are_numbers = is_by_number or (rule == "by name" and all(stem(cloud).isdecimal() for cloud in clouds))
+    if are_numbers and _have_other_rate(clouds, files, partners):
+        remarks.append(
+            f"{option}: {counted(len(clouds), 'cloud')} and {counted(len(files), 'file')} are numbered from the same "
+            "start: if they were recorded together, their rates differ, and those of one number are of different "
+            "moments; names with their times pair them"
+        )
+    return Partners(partners, stamps_s(files), tuple(remarks))
+
+
+def _have_other_rate(clouds: list[Path], files: list[Path], partners: dict[Path, Path]) -> bool:
+    """Whether all clouds have partners until one side ends, long before the other: lost files leave gaps between."""
+    fewer, more = sorted((len(clouds), len(files)))
+    first_clouds, first_files = (
+        {*sorted(paths, key=lambda path: (len(path.name), path.name))[:fewer]} for paths in (clouds, files)
+    )
+    is_prefix = first_clouds == {*partners} and first_files == {*partners.values()}
+    return is_prefix and more >= MIN_RATIO * fewer
 
 
 def _reference(patterns: FilePatterns, path: Path) -> tuple[Pose, tuple[str, ...]]:
