@@ -208,6 +208,42 @@ def test_files_paired_by_number_are_named(tmp_path: Path) -> None:
     )
 
 
+def test_columns_that_do_not_fit_are_taken_and_doubted(tmp_path: Path) -> None:
+    """Both where they are stated and where they are the usual ones."""
+    generator = np.random.default_rng(1)
+    xyz = generator.uniform((-40.0, -20.0, -2.0), (40.0, 20.0, 1.0), (8000, 3))
+    others = generator.uniform(0.0, (1.0, 255.0, 255.0), (8000, 3))
+    for name, columns in {
+        "four": np.column_stack([xyz, others[:, 0]]),
+        "six": np.column_stack([xyz, others]),
+        "intensity_first": np.column_stack([others[:, 0], xyz]),
+    }.items():
+        columns.astype(np.float32).tofile(tmp_path / f"{name}.bin")
+        write_ids(tmp_path / f"{name}.png")
+    write(tmp_path / "camera.yaml", ROS)
+
+    def doubts(name: str, *stated: str) -> str:
+        files = "--points", tmp_path / f"{name}.bin", "--images", tmp_path / f"{name}.png"
+        options = *(("--point-columns", *stated) if stated else ()), "--camera-info", tmp_path / "camera.yaml"
+        said = unwrapped(run_import("folder", *files, *options, "-o", tmp_path / "drive", "--force"), 6)
+        return next((line for line in said.splitlines() if "point columns:" in line), "")
+
+    in_order = "in intensity_first.bin, x is never negative, and the intensity is in "
+    for name, stated, expected in (
+        ("four", (), ""),
+        ("four", ("x,y,z,intensity",), ""),
+        ("six", ("x,y,z,_,_,_",), ""),
+        ("six", ("x,y,z",), "x,y,z are taken as stated, but --point-columns x,y,z,_,_,_ fits six.bin better"),
+        ("intensity_first", (), in_order),
+        ("intensity_first", ("x,y,z,intensity",), in_order),
+        ("intensity_first", ("intensity,x,y,z",), ""),
+        ("four", ("intensity,x,y,z",), "in four.bin, z is never negative"),
+    ):
+        said = doubts(name, *stated)
+        assert expected in said
+        assert bool(said) == bool(expected)
+
+
 @pytest.mark.parametrize(
     ("cloud", "image", "numbers", "is_doubted"),
     [

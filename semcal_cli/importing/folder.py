@@ -27,6 +27,7 @@ from semcal_cli.formats.node import rigid
 from semcal_cli.formats.transform_files import REFERENCE_DIRECTION, read_extrinsic
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.geometry.poses import inverse
+from semcal_cli.importing.bin_columns import column_doubts
 from semcal_cli.importing.body_frames import body_frame_doubts
 from semcal_cli.importing.dataset_tree import (
     CLOUD_SUFFIXES,
@@ -140,6 +141,7 @@ def read(patterns: FilePatterns) -> Recording:
     stamps = stamps_s(clouds)
     form = PointForm(patterns.point_columns, patterns.point_type, patterns.time_unit)
     (first,) = read_point_clouds([(usable_clouds[0], None)], patterns.max_points, form)
+    columns = column_doubts(usable_clouds[0], form, first, patterns.max_points)
     form, unit_remarks = _with_time_unit(form, first.time, list(stamps.values()))
     has_labels = not point_labels.of_cloud and first.labels is not None
     own_labels = (
@@ -172,6 +174,7 @@ def read(patterns: FilePatterns) -> Recording:
         point_form=form,
         remarks=(
             *doubts,
+            *columns,
             *own_labels,
             *unit_remarks,
             *point_labels.remarks,
