@@ -12,7 +12,7 @@ import numpy as np
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.directions import CameraFrame, Direction
-from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType
+from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType, may_be_shares
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, counted
@@ -38,7 +38,7 @@ from semcal_cli.importing.dataset_tree import (
 )
 from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
 from semcal_cli.importing.recording import Recording, SourceFrame
-from semcal_cli.observations.point_times import deduced_unit, may_be_shares
+from semcal_cli.observations.point_times import deduced_unit
 
 SUFFIXES = {
     "--points": CLOUD_SUFFIXES,

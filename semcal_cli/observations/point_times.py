@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from semcal_cli.config.point_files import SECONDS_PER_UNIT, NamedUnit
+from semcal_cli.config.point_files import SECONDS_PER_UNIT, SHARES, NamedUnit, may_be_shares
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
@@ -21,8 +21,6 @@ MIN_SWEEP_S = 0.005
 """Shortest duration of a sweep; times that span less have another unit, because no LiDAR turns that fast."""
 MAX_OVERLAP = 2.0
 """Duration of a sweep, in times from one sweep to the next, beyond which sweeps overlap by far."""
-SHARES = 0.9, 1.0 + 1e-6
-"""Spans of times that may be shares of a sweep, from 0 to 1: its ends may have no returns."""
 MIN_FILLED, MAX_FILLED = 0.5, 1.1
 """Duration of a sweep, in times from one sweep to the next, of a LiDAR that turns all the time."""
 IN_DRIVE = "in drive.yaml (--time-unit at import)"
@@ -118,14 +116,6 @@ def length_of_unit(first: float, last: float, tick_s: float, gap_s: float | None
     fills_gap = gap_s is not None and gap_s / MAX_FILLED <= span_s <= MAX_FILLED * gap_s
     is_open = may_be_shares(first, last) and not fills_gap
     return None if is_open or _overlap(span_s, gap_s) else tick_s
-
-
-def may_be_shares(first: float, last: float) -> bool:
-    """Return whether times of a sweep run from 0 to 1, so that they may be shares of it.
-
-    No time between sweeps tells shares from seconds for sure: of keyframes, 1 s apart, it is that of a slow scanner.
-    """
-    return bool(SHARES[0] <= last - first <= SHARES[1] and first >= 0.0 and last <= SHARES[1])
 
 
 def _turn_of_shares(first: float, last: float, gap_s: float | None) -> float | None:

@@ -18,7 +18,7 @@ from urllib.parse import quote
 import numpy as np
 
 from semcal_cli.config.nanoseconds import NS
-from semcal_cli.config.point_files import AS_USUAL, PointForm
+from semcal_cli.config.point_files import AS_USUAL, PointForm, may_be_shares
 from semcal_cli.events import Listener, Progress
 from semcal_cli.formats.camera_block import size_problem
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
@@ -31,7 +31,6 @@ from semcal_cli.importing.bags.topics import BagRequest, Topics
 from semcal_cli.importing.recording import SourceFrame
 from semcal_cli.importing.stamps import seconds_text
 from semcal_cli.importing.sweep_odometry import SIGMA
-from semcal_cli.observations.point_times import may_be_shares
 
 MAX_NAME = 100
 """Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
