@@ -32,7 +32,7 @@ MORE_PUBLIC_NAMES = {
     "geometry": 30,
     "observations": 65,
     "pipeline": 29,
-    "result": 56,
+    "result": 55,
 }
 """Rooms that still have more than the rest may have: their numbers are those of today, and may only fall."""
 MAX_LINES = 400

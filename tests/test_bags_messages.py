@@ -30,6 +30,8 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.importing.bags.image_messages import ENCODINGS, ImageFile, image_file
 from semcal_cli.importing.bags.messages import Message, MessageError, Span, Topic
 from semcal_cli.importing.bags.point_messages import read_sweep
+from semcal_cli.importing.bags.recorded_frames import WrittenFrame, form_of_open_times
+from semcal_cli.importing.recording import SourceFrame
 from semcal_cli.observations.reading import read_clouds
 
 
@@ -124,6 +126,8 @@ TIMES = {
     [
         (10, 0.1, "'time', shares of a turn of 0.1 s, are written as 't'"),
         (1, 1.0, None),  # a slow scanner
+        (2, None, "'time' span 1 s as seconds, and sweeps are 0.5 s apart: they are written unchanged"),
+        (5, None, "'time' span 1 s as seconds, and sweeps are 0.2 s apart: they are written unchanged"),
         (7, None, "'time' span 1 s as seconds, and sweeps are 0.143 s apart: they are written unchanged"),
         (0, None, "'time' span 1 s as seconds: they are written unchanged, without motion"),
     ],
@@ -136,6 +140,19 @@ def test_times_from_0_to_1(rate_hz: int, seconds: float | None, told: str | None
     assert (told or "") in (sweep.times.remark or "")
     assert (sweep.times.remark is None) == (told is None)
     assert sweep.times.ends_s == pytest.approx((0.0, seconds or 0.0))
+    form = form_of_open_times([WrittenFrame(SourceFrame("a", Path("a.pcd")), sweep.times)])
+    assert form.time_unit == ("s" if seconds == 1.0 else None)
+
+
+@pytest.mark.parametrize("rate_hz", [0, 0.3, 1])
+def test_nanoseconds_of_a_slow_scanner_are_no_shares(rate_hz: float) -> None:
+    records = np.ones(11, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<u4")])
+    records["t"] = np.linspace(0.0, 1e9, 11)
+    bag = Messages("sqlite3")
+    times = sweep_of(bag, bag.cloud(records, START_NS), rate_hz=rate_hz).times
+    assert (times.reference, times.remark) == ("relative", None)
+    form = form_of_open_times([WrittenFrame(SourceFrame("a", Path("a.pcd")), times)])
+    assert form.time_unit == "ns"
 
 
 @pytest.mark.parametrize("unit", TIMES)

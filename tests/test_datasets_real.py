@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from commands import invoke
 from conftest import real
 from dataset_imports import run_import
 from scipy.spatial.transform import Rotation
@@ -102,6 +103,23 @@ def test_kitti_raw_of_the_right_camera(tmp_path: Path) -> None:
     assert len(drive.frames) == 5
     published = read_transform(day / "calib_velo_to_cam.txt", options=FormatOptions(camera="image_03"))
     np.testing.assert_allclose(np.array(drive.T_camera_lidar), published, atol=PRINTED)
+
+
+def test_listed_drives_of_kitti_raw_are_those_of_their_day(tmp_path: Path) -> None:
+    """Their clocks all begin at 0 s: listed, merged or as a day, they follow one another."""
+    root, names = (
+        real("kitti_raw_right"),
+        [f"2011_09_26_drive_00{number}_sync" for number in ("09", "48", "64")],
+    )
+    asked = {name: ("--sequence", name) for name in ("2011_09_26", *names)}
+    asked["listed"] = tuple(word for name in names for word in asked[name])
+    for name, sequences in asked.items():
+        run_import("kitti-raw", root, *sequences, "--camera", "image_03", "-o", tmp_path / name)
+    result = invoke("merge", *(tmp_path / name for name in names), "-o", tmp_path / "merged")
+    assert result.exit_code == 0, result.output
+    for name in ("drive.yaml", "poses/drive.txt"):
+        of_day, *others = ((tmp_path / d / name).read_bytes() for d in ("2011_09_26", "listed", "merged"))
+        assert others == [of_day, of_day]
 
 
 def edge_points(path: Path) -> npt.NDArray[np.float32]:

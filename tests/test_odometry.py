@@ -13,6 +13,7 @@ import pytest
 import yaml
 from bag_imports import done, recorded, run_cli
 from bags import NS, BagWriter
+from commands import unwrapped
 from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
 
 from semcal_cli import errors
@@ -22,7 +23,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.importing.drive_odometry import drive_motion
 from semcal_cli.importing.stamps import tum_text
 from semcal_cli.importing.sweep_odometry import DOUBTFUL_NS, SIGMA, Odometry
-from semcal_cli.observations.reading import load_observations
+from semcal_cli.observations.reading import load_observations, read_clouds
 
 POINTS = 15_000
 """Points of a sweep, of which a 16-beam LiDAR has twice as many."""
@@ -166,6 +167,7 @@ def test_a_drive_of_consecutive_sweeps_is_untwisted_by_them(street: MovingStreet
     result = run_cli("odometry", path, "-o", tmp_path / "drive/estimated.txt")
     block = result.stderr.partition("motion: ")[2].strip()
     assert "agrees" not in result.stderr
+    assert "point times" not in result.stderr
     assert block == (
         "{poses: estimated.txt, point_times: relative, sigma: {linear_m_s: 0.1, angular_rad_s: 0.01}}"
     )
@@ -186,6 +188,19 @@ def test_a_drive_of_consecutive_sweeps_is_untwisted_by_them(street: MovingStreet
         again.split()
     )
     assert off_m("by") <= UNTWISTED_M < 0.2 < off_m("not")
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_sweeps_without_times_are_said_to_be_taken_as_deskewed(
+    street: MovingStreet, tmp_path: Path, is_stated: bool
+) -> None:
+    path = street.write(tmp_path / "drive", count=8)
+    for number, cloud in enumerate(read_clouds(read_drive(path))):
+        np.save(tmp_path / f"drive/{number:06d}.npy", cloud.points)
+    text = path.read_text().replace(".pcd", ".npy")
+    path.write_text(text + "motion: {poses: true.txt, point_times: deskewed}\n" * is_stated)
+    said = unwrapped(run_cli("odometry", path, "-o", tmp_path / "drive/estimated.txt").stderr, 6)
+    assert ("note: 8 of 8 sweeps have no point times, and are taken as deskewed" in said) == (not is_stated)
 
 
 def test_frames_beside_a_gap_have_poses_and_lone_ones_have_none(street: MovingStreet, tmp_path: Path) -> None:

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import yaml
 from camera_infos import ROS
-from commands import invoke
+from commands import invoke, unwrapped
 from dataset_imports import run_import
 
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.image_files import write_image
+from semcal_cli.importing.folder import OPEN_UNIT
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.reading import read_clouds
 
@@ -50,6 +51,13 @@ SHARES, MILLISECONDS = np.linspace(0.0, 1.0, 50), np.linspace(0.0, 100.0, 50)
     [
         (SHARES, 0.1, r"span 1 s in sweeps 0\.1 s apart, expected time_unit .*: 0\.1 if they are shares"),
         (SHARES, 3.0, r"from 0 to 1, which may be seconds or shares of a sweep, expected time_unit"),
+        (SHARES, 1.0, r"from 0 to 1, which may be seconds or shares of a sweep, expected time_unit"),
+        (SHARES, 0.5, r"from 0 to 1, which may be seconds or shares of a sweep, expected time_unit"),
+        (
+            SHARES,
+            0.2,
+            r": 0\.2 if they are shares of a sweep of 0\.2 s, 0\.1 if every second sweep is left out",
+        ),
         (0.5 * SHARES, 0.1, r"span 0\.5 s in sweeps 0\.1 s apart, expected time_unit"),
         (MILLISECONDS, 0.1, r"span 100 s, 0\.1 s as ms, expected time_unit: ms in drive\.yaml"),
         (1e3 * MILLISECONDS, 3.0, r"span 1e\+05 s, 0\.1 s as us, expected time_unit: us"),
@@ -75,7 +83,8 @@ def test_what_cannot_be_seconds_is_refused(
 @pytest.mark.parametrize(
     ("times", "gap_s", "unit", "seconds"),
     [
-        (SHARES, 1.0, None, 1.0),  # a slow scanner, sweep after sweep
+        (SHARES, 1.0, "s", 1.0),  # a slow scanner, sweep after sweep
+        (1.5 * SHARES - 0.75, 1.5, None, 0.75),
         (SHARES, 3.0, "s", 1.0),
         (SHARES, 0.1, 0.1, 0.1),
         (MILLISECONDS, 0.1, "ms", 0.1),
@@ -89,6 +98,12 @@ def test_times_in_their_unit_move_points_right(
 ) -> None:
     drive = drive_of(tmp_path, times, gap_s, **({} if unit is None else {"time_unit": unit}))
     assert farthest_m(drive) == pytest.approx(SPEED_M_S * seconds, abs=1e-4)
+
+
+def test_the_stated_spin_of_a_slow_scanner_says_that_its_times_are_seconds(tmp_path: Path) -> None:
+    spin = {"rate_hz": 1.0, "clockwise": True, "seam_deg": 0.0}
+    lidar = {"channels": 2, "columns": 50, "fov_up_deg": 1.0, "fov_down_deg": -1.0, "spin": spin}
+    assert farthest_m(drive_of(tmp_path, SHARES, 1.0, lidar=lidar)) == pytest.approx(SPEED_M_S, abs=1e-4)
 
 
 def test_few_frames_keep_the_time_between_all_sweeps(tmp_path: Path) -> None:
@@ -111,26 +126,30 @@ def test_few_frames_keep_the_time_between_all_sweeps(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("times", "options", "expected"),
+    ("times", "step", "options", "expected"),
     [
-        (MILLISECONDS, (), "ms"),
-        (SHARES, (), 0.1),
-        (SHARES, ("--time-unit", "0.05"), 0.05),
-        (SHARES, ("--time-unit", "s"), "s"),
-        (0.1 * SHARES, (), None),
+        (MILLISECONDS, 1, (), "ms"),
+        (SHARES, 1, (), 0.1),
+        (SHARES, 1, ("--time-unit", "0.05"), 0.05),
+        (SHARES, 1, ("--time-unit", "s"), "s"),
+        (0.1 * SHARES, 1, (), None),
+        (SHARES, 2, (), OPEN_UNIT),  # of every second sweep
+        (SHARES, 5, (), OPEN_UNIT),
     ],
 )
 def test_an_import_states_the_unit(
-    times: np.ndarray, options: tuple[str, ...], expected: object, tmp_path: Path
+    times: np.ndarray, step: int, options: tuple[str, ...], expected: object, tmp_path: Path
 ) -> None:
     drive_of(tmp_path, times, 0.1)
-    for tenth in range(3):
-        (tmp_path / f"1600000000.{tenth}.npy").write_bytes((tmp_path / "a.npy").read_bytes())
-        write_image(np.zeros((32, 64, 3), np.uint8), tmp_path / f"1600000000.{tenth}.png")
+    for tenth in range(0, 3 * step, step):
+        (tmp_path / f"160000000{tenth // 10}.{tenth % 10}.npy").write_bytes((tmp_path / "a.npy").read_bytes())
+        write_image(np.zeros((32, 64, 3), np.uint8), tmp_path / f"160000000{tenth // 10}.{tenth % 10}.png")
     (tmp_path / "camera.yaml").write_text(ROS)
     files = ("--points", tmp_path / "16*.npy", "--images", tmp_path / "16*.png")
     written = run_import(
         "folder", *files, "--camera-info", tmp_path / "camera.yaml", *options, "-o", tmp_path / "d"
     )
-    assert read_drive(tmp_path / "d").time_unit == expected
+    is_open = expected == OPEN_UNIT
+    assert read_drive(tmp_path / "d").time_unit == (None if is_open else expected)
+    assert (OPEN_UNIT in unwrapped(written, 6)) == is_open
     assert ("note: point times:" in written) == (expected is not None and not options)

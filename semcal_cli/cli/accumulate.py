@@ -76,9 +76,9 @@ def accumulate_into(
         force: Whether a drive.yaml of other data is replaced.
         length: How many sweeps become one cloud: see `accumulate_drive`.
     """
+    from semcal_cli.cli.start import after_import
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.importing.accumulated_drive import accumulate_drive
-    from semcal_cli.result.next_steps import after_import
 
     with settings.terminal() as terminal:
         done = accumulate_drive(drive, output, terminal.on_event, force=force, **length)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from semcal_cli.cli.accumulate import MAX_SECONDS, accumulate_into
-from semcal_cli.cli.import_settings import max_gap, sweeps_drive, tell_written
+from semcal_cli.cli.import_settings import max_gap, resized, sweeps_drive, tell_written
 from semcal_cli.cli.import_values import SpinOfLidar
 from semcal_cli.cli.options import QuietSettings
 from semcal_cli.cli.rules import given, one_of
@@ -63,11 +63,7 @@ class BagSettings(QuietSettings):
         "Axes of the images' frame in /tf_static: optical (x right, y down, z forward) or body (x forward, y left, "
         "z up). If not given, optical."
     )
-    is_resized: bool = option(
-        "Images were resized after the camera was calibrated: convert K to their size, of the same aspect.",
-        "--resized",
-        default=False,
-    )
+    is_resized: bool = resized()
     bayer: Literal["rggb", "bggr", "gbrg", "grbg"] | None = option(
         "Images are mosaics of this pattern, whatever their messages state: the colours of the first two pixels of the "
         "first two rows."

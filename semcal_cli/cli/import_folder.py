@@ -11,13 +11,13 @@ from typing import Any
 import click
 
 from semcal_cli.cli.accumulate import MAX_SWEEPS, accumulate_into
-from semcal_cli.cli.import_settings import ImportSettings, max_gap, sweeps_drive
+from semcal_cli.cli.import_settings import ImportSettings, max_gap, resized, sweeps_drive
 from semcal_cli.cli.import_values import PointColumns, TimeUnit
 from semcal_cli.cli.options import max_points
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import made_of, option
 from semcal_cli.cli.settings_command import SettingsCommand, command
-from semcal_cli.config.directions import Direction
+from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointType
 from semcal_cli.config.synchronization import Synchronization
 
@@ -29,6 +29,7 @@ class FolderSettings(ImportSettings):
     rules = [
         given("--image-classes").requires("--image-labels"),
         given("--reference-direction").requires("--reference"),
+        given("--reference-frame").requires("--reference"),
         given("--point-type").requires("--point-columns"),
         given("--accumulate").excludes("--frames", "--max-frames", "--spread"),
     ]
@@ -47,12 +48,17 @@ class FolderSettings(ImportSettings):
     model: str | None = option(
         "Camera model, if the intrinsics file names none or the wrong one.", metavar="NAME"
     )
+    is_resized: bool = resized()
     reference: Path | None = option(
         "T_camera_lidar to start from and to compare with, in any known format.", metavar="FILE"
     )
     reference_direction: Direction | None = option(
         "Direction of the matrix in the --reference file, if the file does not state it: p_camera = T p_lidar, or "
         "p_lidar = T p_camera."
+    )
+    reference_frame: CameraFrame | None = option(
+        "Axes of the camera's frame in the --reference file: optical (x right, y down, z forward) or body (x forward, "
+        "y left, z up). If not given, those that the file states, or optical."
     )
     synchronization: Synchronization = option(
         "What ties images and clouds: a trigger (hardware), their recorded times (stamps), or nothing known.",

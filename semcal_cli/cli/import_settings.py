@@ -23,6 +23,12 @@ def max_gap(default: float | None = None, **maximum: float) -> Any:
     return option(text, default=default, above=0.0, metavar="S", **maximum)
 
 
+def resized() -> Any:
+    """Declare the option that converts K to the size of the images."""
+    text = "Images were resized after the camera was calibrated: convert K to their size, of the same aspect."
+    return option(text, "--resized", default=False)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ImportSettings(QuietSettings):
     """Options of every import of files."""
@@ -103,8 +109,8 @@ def tell_written(
 
     The path of a temporary drive helps nobody: what was `read` stands in its place.
     """
+    from semcal_cli.cli.start import after_import
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.result.next_steps import after_import
 
     remarks = (line for remark in written.remarks for line in wrapped("note:", remark, indent=6))
     wrote = f"wrote {written.path}" if read is None else f"read {read}"

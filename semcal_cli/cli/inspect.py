@@ -70,10 +70,10 @@ def inspect(settings: InspectSettings) -> None:
     points or images, and frames that share files.
     """
     from semcal_cli.checks.inspection import inspect as look_through
+    from semcal_cli.cli.start import after_import
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.many.rig.rig_document import find_rig
-    from semcal_cli.result.next_steps import after_import
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)

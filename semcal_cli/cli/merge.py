@@ -29,7 +29,8 @@ def merge(settings: MergeSettings) -> None:
     """Make one drive of several DRIVEs of one rig, such as sequences of one day.
 
     The frames of all drives, in the given order, become those of the new drive, which names their files where they
-    are. The drives must have the same camera, classes and clock. Poses are joined if the drives are of different times.
+    are. The drives must have the same camera and classes. Poses are joined. Drives whose clocks begin anew are placed
+    one after another.
     """
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.drive.document import read_drive
@@ -40,8 +41,7 @@ def merge(settings: MergeSettings) -> None:
     merged = merge_drives(drives, settings.output, force=settings.force)
     if settings.quiet:
         return
-    remarks = [f"{key} is not the same in all drives, and is left out" for key in merged.left_out]
-    notes = (line for remark in remarks for line in wrapped("note:", remark, indent=6))
+    notes = (line for remark in merged.remarks for line in wrapped("note:", remark, indent=6))
     num_frames, num_drives = counted(merged.num_frames, "frame"), counted(len(drives), "drive")
     for line in (f"wrote {merged.path}: {num_frames} of {num_drives}", *notes):
         click.echo(line, err=True)

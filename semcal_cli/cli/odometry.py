@@ -27,6 +27,7 @@ def odometry(settings: OdometrySettings) -> None:
     drive.yaml, which this command does not change. If DRIVE has poses, the two motions are compared.
     """
     from semcal_cli.cli.output_checks import check_outputs, files_read
+    from semcal_cli.cli.tables import wrapped
     from semcal_cli.drive.document import read_drive
 
     check_installed("semcal odometry", "kiss_icp", "odometry")
@@ -52,6 +53,8 @@ def odometry(settings: OdometrySettings) -> None:
         terminal.print(
             f"note: {count:,} sweeps have no poses around them, first {first}: leave out their frames"
         )
+    for sentence in motion.assumption:
+        terminal.print(*wrapped("note:", sentence, indent=6))
     if compared is not None:
         terminal.print(f"note: {compared.describe('motion.poses of the drive')}")
     name = Path(os.path.relpath(settings.output, drive.root)).as_posix()

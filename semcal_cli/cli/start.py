@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from semcal_cli.config import MAX_BASELINE_M
 from semcal_cli.errors import InputError, NoStartError, shell
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.start_by_motion import no_start
@@ -66,6 +67,19 @@ def _has_certain_transform(drive: Drive, max_baseline_m: float) -> bool:
 
 def _own_pose(drive: Drive) -> InitialPose:
     return InitialPose(np.array(drive.T_camera_lidar), str(drive.argument))
+
+
+def after_import(drive: Drive, *, is_inspected: bool = False) -> str | None:
+    """Write the command that follows the import of a drive. The user fills in a start that is not certain.
+
+    A drive without images is only inspected; None if it already is.
+    """
+    first = drive.frames[0]
+    if first.image_labels is None and first.image is None:
+        return None if is_inspected else shell("inspect", drive.argument)
+    command = shell("calibrate", drive.argument, "-o", "calibration.yaml")
+    has_start = first.image_labels is not None or _has_certain_transform(drive, MAX_BASELINE_M)
+    return command if has_start else f"{command} --init-rpy-xyz R P Y X Y Z"
 
 
 def advised(error: NoStartError, drive: Drive) -> InputError:

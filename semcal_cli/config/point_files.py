@@ -9,6 +9,8 @@ PointType: TypeAlias = Literal["f4", "f8"]
 NamedUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
 SECONDS_PER_UNIT: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Length of each named unit of times, in seconds."""
+SHARES = 0.9, 1.0 + 1e-6
+"""Spans of times that may be shares of a sweep, from 0 to 1: its ends may have no returns."""
 MAX_UNIT_S = 100.0
 """Longest unit of point times, in seconds: no scanner takes longer for a sweep."""
 
@@ -31,3 +33,11 @@ class PointForm(NamedTuple):
 
 AS_USUAL = PointForm()
 """Nothing is stated: files have their usual columns, and times the unit that their type suggests."""
+
+
+def may_be_shares(first: float, last: float) -> bool:
+    """Return whether times of a sweep run from 0 to 1, so that they may be shares of it.
+
+    No time between sweeps tells shares from seconds for sure: of keyframes, 1 s apart, it is that of a slow scanner.
+    """
+    return bool(SHARES[0] <= last - first <= SHARES[1] and first >= 0.0 and last <= SHARES[1])

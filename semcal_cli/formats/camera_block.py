@@ -64,17 +64,44 @@ def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
     return checked_camera_block(source, *ros_intrinsics(Node(source, document)))
 
 
-def resized(block: dict[str, Any], size: tuple[int, int]) -> dict[str, Any] | None:
-    """Convert a camera block to images that were resized to `size`, columns and rows; None for another aspect."""
-    width, height = block["width"], block["height"]
-    if abs(size[0] * height - size[1] * width) > max(width, height) / 2:  # a side is rounded to half a pixel
-        return None
-    scales = size[0] / width, size[1] / height
+def resized(block: dict[str, Any], size: tuple[int, int]) -> dict[str, Any]:
+    """Convert a camera block to images that were resized to `size`, columns and rows.
+
+    Raises:
+        InputError: the images have another aspect.
+    """
+    if not _has_aspect(block, size):
+        raise InputError(
+            f"--resized: found images of {size[0]} x {size[1]} pixels, expected the aspect of {block['width']} x "
+            f"{block['height']}, as K has"
+        )
     K = [list(row) for row in block["K"]]
-    for axis, scale in enumerate(scales):
+    for axis, scale in enumerate((size[0] / block["width"], size[1] / block["height"])):
         K[axis][:2] = [value * scale for value in K[axis][:2]]
         K[axis][2] = (K[axis][2] + 0.5) * scale - 0.5
     return block | {"width": size[0], "height": size[1], "K": K}
+
+
+def size_problem(block: dict[str, Any], size: tuple[int, int], stated: str = "its intrinsics state") -> str:
+    """Describe images of another size, columns and rows, than a camera block; empty for the same.
+
+    Args:
+        block: The camera block.
+        size: Columns and rows of the images.
+        stated: What states those of the block.
+    """
+    needed = block["width"], block["height"]
+    if size == needed:
+        return ""
+    image_size, camera_size = ("{} x {}".format(*sides) for sides in (size, needed))
+    advice = "; if the images were resized, --resized converts K" if _has_aspect(block, size) else ""
+    return f"found an image of {image_size} pixels, needed {camera_size}, as {stated}{advice}"
+
+
+def _has_aspect(block: dict[str, Any], size: tuple[int, int]) -> bool:
+    """Whether images are of the aspect of a camera block: a side of the smaller ones is off by less than one pixel."""
+    width, height = int(block["width"]), int(block["height"])
+    return abs(size[0] * height - size[1] * width) < max(width, height, *size)
 
 
 def _read(source: Source, camera: str | None, model: str | None) -> CameraBlock:

@@ -40,8 +40,8 @@ def read_extrinsic(
         path: The file.
         name: Name of its format; None recognises it by its content.
         options: Options for what the file leaves open.
-        ignores_unasked: Whether a direction or a camera counts only for a file that leaves it open, for callers that
-            read several transforms with the same options; otherwise it is refused for other files.
+        ignores_unasked: Whether a direction, a frame or a camera counts only for a file that leaves it open, for
+            callers that read several transforms with the same options; otherwise it is refused for other files.
 
     Raises:
         InputError: the content has no known format, has several formats, is wrong, or leaves something open.
@@ -56,6 +56,7 @@ def read_extrinsic(
             options = replace(
                 options,
                 direction=options.direction if "direction" in format.asks else None,
+                frame=options.frame if "frame" in format.asks else None,
                 camera=options.camera if "camera" in format.asks else None,
             )
         check_options(format, options)

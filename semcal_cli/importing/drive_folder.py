@@ -196,7 +196,8 @@ def _with_odometry(recording: Recording, path: Path) -> Recording:
         )
     remark = f"{odometry_remark()}; the drive uses it"
     block = {"point_times": motion.point_times, "sigma": SIGMA}
-    return with_poses(recording, covered, motion.poses, block, remark)
+    with_motion = with_poses(recording, covered, motion.poses, block, remark)
+    return replace(with_motion, remarks=(*with_motion.remarks, *motion.assumption))
 
 
 def _poses_file(path: Path) -> str:

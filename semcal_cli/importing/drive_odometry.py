@@ -29,6 +29,8 @@ class DriveMotion(NamedTuple):
     """Sweeps of frames without poses close before and after them."""
     point_times: str
     """`relative`, `absolute` or `deskewed`, for `point_times` of the `motion:` block."""
+    assumption: tuple[str, ...] = ()
+    """A sentence about sweeps that are taken as deskewed though the drive does not state it; none if there are none."""
 
     def tum(self) -> str:
         """Format the poses, one per line (see `tum_text`), after a comment that says what estimated them."""
@@ -45,7 +47,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
         InputError: a frame has no stamp, a file cannot be read, point times cannot be seconds or do not belong to the
             stamps, or the sweeps are not consecutive.
     """
-    odometry, is_absolute = Odometry(), False
+    odometry, is_absolute, num_untimed = Odometry(), False, 0
     frames = {frame.points: frame for frame in drive.frames}
     moments_s = _moments(drive)
     stamps_s = sorted(((name, moments[0]) for name, moments in moments_s.items()), key=lambda item: item[1])
@@ -55,6 +57,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
         times_s, is_on_clock = checked_times(drive, frames[name], cloud, None) or (None, False)
         if times_s is not None and is_on_clock:
             is_absolute, times_s = True, times_s - stamp_s
+        num_untimed += times_s is None
         odometry.add(cloud.points, times_s, round(stamp_s * NS))
         moments_s[name] += [stamp_s + end for end in _ends(times_s)]
     poses = odometry.poses()
@@ -67,8 +70,13 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     ]
     reference = "absolute" if is_absolute else "relative"
     if drive.motion is not None and drive.motion.point_times == "deskewed":
-        reference = "deskewed"
-    return DriveMotion(poses, odometry.doubtful_ns, uncovered, reference)
+        reference, num_untimed = "deskewed", 0
+    assumption = (
+        f"{num_untimed:,} of {counted(len(stamps_s), 'sweep')} have no point times, and are taken as deskewed to "
+        "points_stamp: if the LiDAR turns and nothing deskewed them, the motion is distorted, and lidar.spin in "
+        "drive.yaml gives the times",
+    )
+    return DriveMotion(poses, odometry.doubtful_ns, uncovered, reference, assumption if num_untimed else ())
 
 
 def _moments(drive: Drive) -> dict[str, list[float]]:

@@ -6,12 +6,13 @@ import glob
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.config.directions import Direction
-from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType
+from semcal_cli.config.directions import CameraFrame, Direction
+from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType, may_be_shares
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, counted
@@ -19,10 +20,15 @@ from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
-from semcal_cli.formats import read_reference
-from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.formats.camera_block import read_intrinsics, resized, size_problem
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.frame_names import T_BODY_OPTICAL
 from semcal_cli.formats.node import rigid
+from semcal_cli.formats.transform_files import REFERENCE_DIRECTION, read_extrinsic
 from semcal_cli.geometry.arrays import Numbers, Pose
+from semcal_cli.geometry.poses import inverse
+from semcal_cli.importing.bin_columns import column_doubts
+from semcal_cli.importing.body_frames import body_frame_doubts
 from semcal_cli.importing.dataset_tree import (
     CLOUD_SUFFIXES,
     IMAGE_LABEL_SUFFIXES,
@@ -41,6 +47,15 @@ SUFFIXES = {
     "--images": IMAGE_SUFFIXES,
 }
 """Suffixes of the files that are read, by the option of their pattern."""
+MIN_RATIO = 1.5
+"""Smallest ratio of the numbers of files of two kinds that suggests another rate: 15 Hz beside 10."""
+OPEN_UNIT = (
+    "point times: from 0 to 1, which may be seconds or shares of a sweep; --time-unit states them: s, or the seconds "
+    "of a sweep, such as 0.1"
+)
+"""Remark on times whose unit a motion will need."""
+REFERENCE_FRAME = "--reference-frame"
+"""Option that states the axes of the camera's frame in the reference."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +78,14 @@ class FilePatterns:
     """Name of a camera in a Kalibr camchain; None for the only one."""
     model: str | None = None
     """Camera model, if the file of the intrinsics names none or a wrong one."""
+    is_resized: bool = False
+    """Whether images were resized after the camera was calibrated, so that K is converted to their size."""
     reference: Path | None = None
     """File of a transform to compare with."""
     reference_direction: Direction | None = None
     """Direction of a matrix whose file does not state it."""
+    reference_frame: CameraFrame | None = None
+    """Axes of the camera's frame in the reference; None for those that the file states, or optical ones."""
     synchronization: Synchronization = "unknown"
     """What ties the images to the moments of the clouds."""
     max_points: int = MAX_POINTS
@@ -100,10 +119,7 @@ def read(patterns: FilePatterns) -> Recording:
         InputError: a pattern matches nothing or a file of an unknown format, nothing can be paired, no cloud has all
             its files, or a file is wrong.
     """
-    size_option = "--images" if patterns.images else "--image-labels"
-    pattern = patterns.images or patterns.image_labels
-    size = None if pattern is None else lambda: read_size(_find(size_option, pattern)[0])
-    camera = read_intrinsics(patterns.camera_info, patterns.camera, patterns.model, size)
+    camera = _camera(patterns)
     clouds = _find("--points", patterns.points)
     point_labels = _partners(clouds, "--point-labels", patterns.point_labels, patterns.max_gap_s)
     image_labels = _partners(clouds, "--image-labels", patterns.image_labels, patterns.max_gap_s)
@@ -125,6 +141,7 @@ def read(patterns: FilePatterns) -> Recording:
     stamps = stamps_s(clouds)
     form = PointForm(patterns.point_columns, patterns.point_type, patterns.time_unit)
     (first,) = read_point_clouds([(usable_clouds[0], None)], patterns.max_points, form)
+    columns = column_doubts(usable_clouds[0], form, first, patterns.max_points)
     form, unit_remarks = _with_time_unit(form, first.time, list(stamps.values()))
     has_labels = not point_labels.of_cloud and first.labels is not None
     own_labels = (
@@ -146,29 +163,57 @@ def read(patterns: FilePatterns) -> Recording:
         )
         for cloud in usable_clouds
     ]
+    T_camera_lidar, doubts = (
+        (None, ()) if patterns.reference is None else _reference(patterns, patterns.reference)
+    )
     return Recording(
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
-        T_camera_lidar=None
-        if patterns.reference is None
-        else _reference(patterns.reference, patterns.reference_direction),
+        T_camera_lidar=T_camera_lidar,
         synchronization=patterns.synchronization,
         point_form=form,
-        remarks=(*own_labels, *unit_remarks, *point_labels.remarks, *image_labels.remarks, *images.remarks),
+        remarks=(
+            *doubts,
+            *columns,
+            *own_labels,
+            *unit_remarks,
+            *point_labels.remarks,
+            *image_labels.remarks,
+            *images.remarks,
+        ),
         read=(patterns.camera_info, *([drive_file(patterns.reference)] if patterns.reference else [])),
         labels_by="GLOB",
     )
+
+
+def _camera(patterns: FilePatterns) -> dict[str, Any]:
+    """Read the camera, and compare it with the size of the first image, to which it is converted on request."""
+    option = "--images" if patterns.images else "--image-labels"
+    pattern = patterns.images or patterns.image_labels
+    image = None if pattern is None else _find(option, pattern)[0]
+    size = None if image is None else lambda: read_size(image)
+    camera = read_intrinsics(patterns.camera_info, patterns.camera, patterns.model, size)
+    if image is None or size is None or not image.name.lower().endswith(IMAGE_SUFFIXES):
+        if patterns.is_resized:
+            raise InputError("--resized: found no images, expected some by --images")
+        return camera
+    if patterns.is_resized:
+        return resized(camera, size())
+    if problem := size_problem(camera, size(), f"{patterns.camera_info} states"):
+        raise InputError(f"{image}: {problem}")
+    return camera
 
 
 def _with_time_unit(
     form: PointForm, times_s: Numbers | None, stamps: Sequence[float]
 ) -> tuple[PointForm, tuple[str, ...]]:
     """State the unit of point times where the time between clouds shows it, and say so."""
-    if times_s is None or form.time_unit is not None or len(stamps) < 2:
+    if times_s is None or form.time_unit is not None:
         return form, ()
-    unit = deduced_unit(times_s, float(np.median(np.diff(sorted(stamps)))))
+    unit = deduced_unit(times_s, float(np.median(np.diff(sorted(stamps)))) if len(stamps) > 1 else None)
     if unit is None:
-        return form, ()
+        is_open = may_be_shares(float(times_s.min()), float(times_s.max()))
+        return form, (OPEN_UNIT,) if is_open else ()
     meaning = unit if isinstance(unit, str) else f"shares of a turn of {unit:g} s"
     remark = f"point times: taken as {meaning}, in which a sweep lasts until the next one; --time-unit states another"
     return form._replace(time_unit=unit), (remark,)
@@ -213,9 +258,38 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     num_unpaired = len(clouds) - len(partners), len(files) - len(partners)
     unpaired = f"{counted(num_unpaired[0], 'cloud')}, {counted(num_unpaired[1], 'file')}"
     counts = f"{option}: {counted(len(partners), 'pair')} {rule}; unpaired: {unpaired}"
-    return Partners(partners, stamps_s(files), (counts,) if any(num_unpaired) or is_by_number else ())
+    remarks = [counts] if any(num_unpaired) or is_by_number else []
+    are_numbers = is_by_number or (rule == "by name" and all(stem(cloud).isdecimal() for cloud in clouds))
+    if are_numbers and _have_other_rate(clouds, files, partners):
+        remarks.append(
+            f"{option}: {counted(len(clouds), 'cloud')} and {counted(len(files), 'file')} are numbered from the same "
+            "start: if they were recorded together, their rates differ, and those of one number are of different "
+            "moments; names with their times pair them"
+        )
+    return Partners(partners, stamps_s(files), tuple(remarks))
 
 
-def _reference(path: Path, direction: Direction | None) -> Pose:
+def _have_other_rate(clouds: list[Path], files: list[Path], partners: dict[Path, Path]) -> bool:
+    """Whether all clouds have partners until one side ends, long before the other: lost files leave gaps between."""
+    fewer, more = sorted((len(clouds), len(files)))
+    first_clouds, first_files = (
+        {*sorted(paths, key=lambda path: (len(path.name), path.name))[:fewer]} for paths in (clouds, files)
+    )
+    is_prefix = first_clouds == {*partners} and first_files == {*partners.values()}
+    return is_prefix and more >= MIN_RATIO * fewer
+
+
+def _reference(patterns: FilePatterns, path: Path) -> tuple[Pose, tuple[str, ...]]:
+    """Read the transform to compare with, and doubts about its frame."""
+    direction, axes = patterns.reference_direction, patterns.reference_frame
+    names = {"direction": REFERENCE_DIRECTION, "frame": REFERENCE_FRAME}
     with np.errstate(all="ignore"):
-        return rigid(f"{path}", read_reference(path, direction).T_camera_lidar, MAX_TRANSLATION_M)
+        extrinsic = read_extrinsic(
+            path, None, FormatOptions(direction, axes, names=names), ignores_unasked=True
+        )
+        T = rigid(f"{path}", extrinsic.T_camera_lidar, MAX_TRANSLATION_M)
+    if "frame" in extrinsic.asks or axes == "optical":
+        return T, ()
+    if axes == "body":
+        return inverse(T_BODY_OPTICAL) @ T, ()
+    return T, tuple(body_frame_doubts(f"the camera's frame in {path}", T, REFERENCE_FRAME))

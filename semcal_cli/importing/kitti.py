@@ -39,6 +39,7 @@ from semcal_cli.importing.dataset_tree import (
     read_number_rows,
     read_speeds,
 )
+from semcal_cli.importing.joined_sequences import clock_shifts_s, later
 from semcal_cli.importing.kitti_motion import (
     MOMENT_SIGMA_S,
     SPIN,
@@ -58,8 +59,6 @@ SPINNING = LIDAR | {"spin": SPIN}
 SYNCHRONIZATION: Synchronization = "hardware"
 """The Velodyne triggers the cameras when it faces forward (Geiger et al., *Vision meets Robotics*, IJRR 2013)."""
 IMAGES = (".png", ".jpg")
-BETWEEN_DRIVES_S = 10.0
-"""Time from the end of a drive without timestamps to the start of the next one, whatever it was."""
 MISSING = "{}: found no frame with a sweep in velodyne and an image in {}"
 
 
@@ -183,11 +182,17 @@ def read_raw(request: Request) -> Recording:
     cameras = [name for name in folders(chosen[0]) if name.startswith("image_")]
     camera = pick("camera", request.camera, cameras, chosen[0], default="image_02")
     frames, twists_imu = list[SourceFrame](), list[tuple[float, TwistVector]]()
-    for folder in chosen:
-        end_s = frames[-1].points_stamp if frames else None
-        of_drive, of_imu = _raw_frames(folder, camera, 0.0 if end_s is None else end_s + BETWEEN_DRIVES_S)
-        frames += of_drive
-        twists_imu += of_imu
+    drives_of_day = [_raw_frames(folder, camera) for folder in chosen]
+    # Drives without timestamps all begin at 0 s.
+    shifts_s = clock_shifts_s(
+        [
+            [frame.points_stamp for frame in of_drive if frame.points_stamp is not None]
+            for of_drive, _ in drives_of_day
+        ]
+    )
+    for (of_drive, of_imu), shift_s in zip(drives_of_day, shifts_s, strict=True):
+        frames += [replace(frame, points_stamp=later(frame.points_stamp, shift_s)) for frame in of_drive]
+        twists_imu += [(stamp_s + shift_s, twist) for stamp_s, twist in of_imu]
     velo, lines = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
     number = camera.removeprefix("image_")
     recording = Recording(
@@ -206,12 +211,10 @@ def read_raw(request: Request) -> Recording:
     return with_motion(replace(recording, remarks=remarks), poses, "oxts")
 
 
-def _raw_frames(
-    folder: Path, camera: str, start_s: float
-) -> tuple[list[SourceFrame], list[tuple[float, TwistVector]]]:
+def _raw_frames(folder: Path, camera: str) -> tuple[list[SourceFrame], list[tuple[float, TwistVector]]]:
     """Find the frames of a drive, and the stamps and twists of its inertial unit at its sweeps.
 
-    Without timestamps, the first sweep is at `start_s`.
+    Without timestamps, the first sweep is at 0 s.
     """
     clouds = numbered_files(folder / "velodyne_points/data", ".bin")
     files = files_by_stem(folder / "oxts/data", ".txt", is_needed=False)
@@ -220,7 +223,7 @@ def _raw_frames(
     stamps = {name: recorded[int(name)] for name in clouds if int(name) in recorded}
     if not recorded:
         first = int(next(iter(clouds), 0))
-        stamps = {name: round(start_s + KITTI_PERIOD_S * (int(name) - first), 9) for name in clouds}
+        stamps = {name: round(KITTI_PERIOD_S * (int(name) - first), 9) for name in clouds}
     frames = join_frames(
         clouds,
         image=files_by_stem(folder / camera / "data", *IMAGES),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from semcal_cli.config.point_files import SECONDS_PER_UNIT, NamedUnit
+from semcal_cli.config.point_files import SECONDS_PER_UNIT, SHARES, NamedUnit, may_be_shares
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError
@@ -21,14 +21,13 @@ MIN_SWEEP_S = 0.005
 """Shortest duration of a sweep; times that span less have another unit, because no LiDAR turns that fast."""
 MAX_OVERLAP = 2.0
 """Duration of a sweep, in times from one sweep to the next, beyond which sweeps overlap by far."""
-SHARES = 0.9, 1.0 + 1e-6
-"""Spans of times that may be shares of a sweep, from 0 to 1: its ends may have no returns."""
 MIN_FILLED, MAX_FILLED = 0.5, 1.1
 """Duration of a sweep, in times from one sweep to the next, of a LiDAR that turns all the time."""
 IN_DRIVE = "in drive.yaml (--time-unit at import)"
 """Where a user states the unit, for messages."""
-TURNS_HZ = tuple(5.0 * n for n in range(1, 7))
-"""Usual rates of LiDARs that turn: 5 to 20 Hz in the manuals of Velodyne, Ouster and Hesai, and some faster ones."""
+TURNS_HZ = tuple(5.0 * n for n in range(2, 7))
+"""Usual rates of LiDARs that turn: 10 to 20 Hz in the manuals of Velodyne, Ouster and Hesai, and some faster ones.
+Sweeps at 5 Hz may as well be every second one of a LiDAR that turns at 10 Hz."""
 TURN_TOLERANCE = 0.05
 """Largest difference of a rate from a usual one, as a share of it."""
 
@@ -112,25 +111,11 @@ def length_of_unit(first: float, last: float, tick_s: float, gap_s: float | None
     """
     if turn_s := _turn_of_shares(first, last, gap_s):
         return turn_s
-    return tick_s if _are_seconds(first * tick_s, last * tick_s, gap_s) else None
-
-
-def _are_seconds(first_s: float, last_s: float, gap_s: float | None) -> bool:
-    """Whether times that span a sweep can only be seconds.
-
-    Args:
-        first_s: First time of a sweep.
-        last_s: Last one.
-        gap_s: Time from one sweep to the next, seconds; None if unknown.
-
-    Returns:
-        False if sweeps would overlap by far, or if times from 0 to 1 do not fill the time to the next sweep and may be
-        shares of a shorter one.
-    """
-    span_s = last_s - first_s
-    if gap_s is not None and span_s >= gap_s / MAX_FILLED:
-        return not _overlap(span_s, gap_s)
-    return not _may_be_shares(first_s, last_s)
+    span_s = (last - first) * tick_s
+    # A recording has all sweeps of its LiDAR: one that lasts until the next one is a slow scanner's.
+    fills_gap = gap_s is not None and gap_s / MAX_FILLED <= span_s <= MAX_FILLED * gap_s
+    is_open = may_be_shares(first, last) and not fills_gap
+    return None if is_open or _overlap(span_s, gap_s) else tick_s
 
 
 def _turn_of_shares(first: float, last: float, gap_s: float | None) -> float | None:
@@ -141,10 +126,21 @@ def _turn_of_shares(first: float, last: float, gap_s: float | None) -> float | N
         last: Last one.
         gap_s: Time from one sweep to the next, seconds, which is that of a turn if it is a usual one; None if unknown.
     """
-    if gap_s is None or not _may_be_shares(first, last) or not _overlap(last - first, gap_s):
+    if gap_s is None or not may_be_shares(first, last) or not _overlap(last - first, gap_s):
         return None
+    return _usual_turn(gap_s)
+
+
+def _usual_turn(gap_s: float) -> float | None:
+    """Return the length in seconds of the usual turn that a time between sweeps is; None if it is none."""
     rate_hz = min(TURNS_HZ, key=lambda usual: abs(usual * gap_s - 1.0))
     return 1.0 / rate_hz if abs(rate_hz * gap_s - 1.0) <= TURN_TOLERANCE else None
+
+
+def _is_a_turn(drive: Drive, span_s: float) -> bool:
+    """Whether times span a turn of the LiDAR whose spin the drive states, so that they are seconds."""
+    spin = None if drive.lidar is None else drive.lidar.spin
+    return spin is not None and SHARES[0] <= span_s * spin.rate_hz <= MAX_FILLED
 
 
 def _unit_complaint(drive: Drive, first: float, last: float) -> str:
@@ -159,15 +155,18 @@ def _unit_complaint(drive: Drive, first: float, last: float) -> str:
             return f"{found}, {fitting_s:.4g} s as {unit}, expected time_unit: {unit} {IN_DRIVE}"
         needed = f"needed {MIN_SWEEP_S:g} s or more, within {MAX_SWEEP_S:g} s of points_stamp"
         return f"{found}, {needed}; whole numbers are read as nanoseconds, others as seconds: see time_unit"
-    if stated is not None or _are_seconds(first, last, gap_s):
+    could_be_shares, do_overlap = may_be_shares(first, last), _overlap(span_s, gap_s)
+    if stated is not None or not (could_be_shares or do_overlap) or _is_a_turn(drive, span_s):
         return ""
     needed = f"expected time_unit {IN_DRIVE}"
-    if gap_s is None or not _overlap(span_s, gap_s):
+    if gap_s is None or not do_overlap:
         found = "found point times from 0 to 1, which may be seconds or shares of a sweep"
         return f"{found}, {needed}: s, or the seconds of a sweep, such as 0.1"
     found = f"found point times that span {span_s:.4g} s in sweeps {gap_s:.3g} s apart"
-    if _may_be_shares(first, last):
+    if could_be_shares:
         shares = f"{gap_s:.3g} if they are shares of a sweep of {gap_s:.3g} s"
+        if _usual_turn(gap_s) is None:
+            shares += f", {gap_s / 2.0:.3g} if every second sweep is left out"
         return f"{found}, {needed}: {shares}, or s if they are seconds"
     return f"{found}, {needed}: its length in seconds, or s if sweeps overlap"
 
@@ -202,9 +201,5 @@ def _fitting_unit(span_s: float) -> tuple[NamedUnit | None, float]:
     return None, 0.0
 
 
-def _overlap(span_s: float, gap_s: float) -> bool:
-    return span_s > MAX_OVERLAP * gap_s
-
-
-def _may_be_shares(first: float, last: float) -> bool:
-    return bool(SHARES[0] <= last - first <= SHARES[1] and first >= 0.0 and last <= SHARES[1])
+def _overlap(span_s: float, gap_s: float | None) -> bool:
+    return gap_s is not None and span_s > MAX_OVERLAP * gap_s

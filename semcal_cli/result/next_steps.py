@@ -15,26 +15,12 @@ from semcal_cli.findings.finding import Leading
 from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 
 if TYPE_CHECKING:
-    from semcal_cli.drive.document import Drive
     from semcal_cli.result.calibration_document import CalibrationDocument
 
 Rows: TypeAlias = list[tuple[str, str]]
 """Pairs of a label and a text."""
 _TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
 """Address of the page that explains every finding, for results of older versions, which have no topics."""
-
-
-def after_import(drive: Drive, *, is_inspected: bool = False) -> str | None:
-    """Write the command that follows the import of a drive; without labels or a transform, the user fills in a start.
-
-    A drive without images is only inspected; None if it already is.
-    """
-    first = drive.frames[0]
-    if first.image_labels is None and first.image is None:
-        return None if is_inspected else shell("inspect", drive.argument)
-    command = shell("calibrate", drive.argument, "-o", "calibration.yaml")
-    has_start = first.image_labels is not None or drive.T_camera_lidar is not None
-    return command if has_start else f"{command} --init-rpy-xyz R P Y X Y Z"
 
 
 def after_calibration(

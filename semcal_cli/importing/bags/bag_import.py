@@ -7,6 +7,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,6 +41,7 @@ from semcal_cli.importing.bags.recorded_frames import (
     NO_TIMES,
     FrameWriter,
     WrittenFrame,
+    form_of_open_times,
     write_motion,
 )
 from semcal_cli.importing.bags.recorded_motion import Trajectory, find_motion, read_frames
@@ -146,6 +148,7 @@ class _Import:
         chosen, written_frames = self._write_frames(writer, wanted_ns)
         motion, frames = self._write_motion(written_frames, odometry)
         recording = self._recording(mounting, motion, frames)
+        recording = replace(recording, point_form=form_of_open_times(written_frames))
         written = write_drive(recording, FrameChoice(), self.path, force=True)
         pairs = [candidate.pair for candidate in chosen]
         sweeps_ns = {pair.sweep_ns: pair.sweep.received_ns for pair in pairs}

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.file_limits import MAX_FIELDS
 from semcal_cli.config.nanoseconds import NS
+from semcal_cli.config.point_files import NamedUnit
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
@@ -54,6 +55,8 @@ class PointTimes(NamedTuple):
     """Times of the first and the last point with a range, seconds after the stamp."""
     remark: str | None = None
     """Sentence about them that the user should read."""
+    unit: NamedUnit = "s"
+    """Their unit in the file that is written."""
 
 
 class Sweep(NamedTuple):
@@ -299,7 +302,9 @@ def _with_readable_times(
     seconds = (exact - shift).astype(np.float64) * tick_s
     ends_s = _ends(seconds[has_range])
     if name.lower() in READ_AS_TIME and tick_s == (1.0 if values.dtype.kind == "f" else 1e-9):
-        return Sweep(records, PointTimes("absolute" if shift else "relative", ends_s), seconds)
+        unit_in_file: NamedUnit = "s" if values.dtype.kind == "f" else "ns"
+        reference = "absolute" if shift else "relative"
+        return Sweep(records, PointTimes(reference, ends_s, unit=unit_in_file), seconds)
     remark = f"{subject}, {unit}, are written as 't', seconds after the sweep's stamp"
     return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
 

@@ -78,9 +78,4 @@ def _resized_block(bag: Bag, image: Topic, block: dict[str, Any]) -> dict[str, A
         size = image_file(first).size
     except MessageError as error:
         raise InputError(f"{image.name}: {error}") from None
-    if (converted := resized(block, size)) is None:
-        sizes = [f"{width} x {height}" for width, height in (size, (block["width"], block["height"]))]
-        raise InputError(
-            f"--resized: found images of {sizes[0]} pixels, expected the aspect of {sizes[1]}, as K has"
-        )
-    return converted
+    return resized(block, size)

@@ -18,8 +18,9 @@ from urllib.parse import quote
 import numpy as np
 
 from semcal_cli.config.nanoseconds import NS
+from semcal_cli.config.point_files import AS_USUAL, PointForm, may_be_shares
 from semcal_cli.events import Listener, Progress
-from semcal_cli.formats.camera_block import resized
+from semcal_cli.formats.camera_block import size_problem
 from semcal_cli.importing.bags.candidates import Spool, SpooledPair
 from semcal_cli.importing.bags.image_messages import image_file
 from semcal_cli.importing.bags.messages import Message, MessageError
@@ -156,16 +157,8 @@ class FrameWriter:
         return frame._replace(source=replace(frame.source, image=image, image_stamp=pair.image_ns / NS))
 
     def _check_size(self, size: tuple[int, int]) -> None:
-        needed = self.camera["width"], self.camera["height"]
-        if size == needed:
-            return
-        image_size, camera_size = ("{} x {}".format(*sides) for sides in (size, needed))
-        advice = (
-            "" if resized(self.camera, size) is None else "; if the images were resized, --resized converts K"
-        )
-        raise MessageError(
-            f"found an image of {image_size} pixels, needed {camera_size}, as its intrinsics state{advice}"
-        )
+        if problem := size_problem(self.camera, size):
+            raise MessageError(problem)
 
     def _write_sweep(self, sweep: Sweep, stamp_ns: int) -> WrittenFrame:
         path = self.folder / "points" / _slug(self.topics.points.name) / f"{seconds_text(stamp_ns)}.pcd"
@@ -208,6 +201,12 @@ def write_motion(
     if trajectory.source is None:
         block["sigma"] = SIGMA
     return block, covered, f"{remark}; the drive uses it"
+
+
+def form_of_open_times(written: Sequence[WrittenFrame]) -> PointForm:
+    """State the unit of times from 0 to 1, which the files alone leave open."""
+    units = Counter(frame.times.unit for frame in written if may_be_shares(*frame.times.ends_s))
+    return PointForm(time_unit=units.most_common(1)[0][0]) if units else AS_USUAL
 
 
 def _slug(topic: str) -> str:

@@ -11,12 +11,12 @@ import numpy as np
 from semcal_cli.config.directions import CameraFrame
 from semcal_cli.config.file_limits import MAX_TRANSFORMS
 from semcal_cli.errors import InputError, listed
-from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.formats.frame_names import OPTICAL_WORDS, T_BODY_OPTICAL, has_word
 from semcal_cli.formats.node import MAX_WORLD_M, rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, pose_from_quaternion
 from semcal_cli.importing.bags.messages import plain_frame
+from semcal_cli.importing.body_frames import body_frame_doubts
 
 TF_STATIC = "/tf_static"
 Edge = tuple[str, str]
@@ -141,15 +141,9 @@ def optical_frame(
 
 
 def _doubts(camera: str, T_camera_lidar: Pose) -> list[str]:
-    """Describe why a camera's frame may be a body frame: it is not called optical, and its z axis is the LiDAR's."""
-    if has_word(camera, OPTICAL_WORDS) or not InitialPose(T_camera_lidar, camera).looks_along_z:
-        return []
-    where = "up" if T_camera_lidar[2, 2] > 0.0 else "down"
-    return [
-        f"{camera!r} is probably a body frame (x forward, y left, z up): as an optical one (x right, y down, z "
-        f"forward), the camera looks {where} along the LiDAR's z axis. --frame body converts the reference, and "
-        "--frame optical keeps it"
-    ]
+    """Describe why a camera's frame may be a body frame, unless it is called optical."""
+    is_optical = has_word(camera, OPTICAL_WORDS)
+    return [] if is_optical else body_frame_doubts(repr(camera), T_camera_lidar, "--frame")
 
 
 def check_count(num_edges: int, topic: str) -> None:
