@@ -7,6 +7,7 @@ from semcal_cli.checks.baseline import check_baseline
 from semcal_cli.checks.chance import check_chance
 from semcal_cli.checks.few_scenes import check_scenes
 from semcal_cli.checks.label_overlap import check_overlap
+from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.checks.motion_unstated import check_motion, check_shutter, check_unstated
 from semcal_cli.checks.no_direction import check_directions
 from semcal_cli.checks.not_determined import UNDETERMINED, UNDETERMINED_WITH_PRIORS
@@ -16,6 +17,7 @@ from semcal_cli.checks.polish_rejected import check_held_out
 from semcal_cli.checks.prior import check_priors
 from semcal_cli.checks.refits import check_other_models
 from semcal_cli.checks.settled import check_fusion, check_polish, check_refinement
+from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.untied_clocks import check_clocks
 from semcal_cli.checks.wide_interval import check_interval
 from semcal_cli.checks.wrong_pairing import check_pairing
@@ -74,6 +76,30 @@ def check_recording(
     if with_clock and not is_too_little:
         measured.append(check_clocks(data, clock))
     return tuple(measured)
+
+
+def check_labels(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[tuple[Measured, ...], tuple[str, ...]]:
+    """Check that no labels come from the other side, and that label images lie on their images.
+
+    Args:
+        data: The drive.
+        T_camera_lidar: (4, 4) pose, metres.
+
+    Returns:
+        What was measured, and notes on what was not checked.
+    """
+    measured, notes, frames = list[Measured](), list[str](), data.drive.frames
+    has_labels = any(frame.image_labels is not None for frame in frames)
+    if has_labels and all(frame.image is None for frame in frames):
+        notes.append("labels were not checked against images: the drive has no images")
+    for name, cue in data.policy.cues.items():
+        if cue.has_point_labels:
+            measured += check_leaks(data.of_cue(name), T_camera_lidar)
+    if data.policy.cues[data.cues[0]].has_image_labels:
+        aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
+        measured += aligned.measured
+        notes += aligned.notes
+    return tuple(measured), tuple(notes)
 
 
 def check_stages(

@@ -11,14 +11,12 @@ import numpy as np
 
 from semcal_cli.checks.camera_motion import check_camera_motion
 from semcal_cli.checks.cues_disagree import check_coarse_cue
-from semcal_cli.checks.families import check_consistency, check_recording, check_uncertainty
+from semcal_cli.checks.families import check_consistency, check_labels, check_recording, check_uncertainty
 from semcal_cli.checks.implausible_intrinsics import notes_on_intrinsics
-from semcal_cli.checks.leaked_labels import check_leaks
 from semcal_cli.checks.moved_camera import check_frames
 from semcal_cli.checks.odd_frames import check_pairs
 from semcal_cli.checks.other_pose import check_rivals
 from semcal_cli.checks.scale import check_scale
-from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.checks.wrong_motion import check_stated_motion
 from semcal_cli.config import PolishConfig, RefinementConfig
@@ -332,17 +330,9 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     topics = {finding.topic for finding in findings_among(measured)}
     if not pose.is_clock_estimated and UNTIED_CLOCKS not in topics:
         notes += notes_on_clock(data, pose.clock)
-    has_labels = any(frame.image_labels is not None for frame in frames)
-    if has_labels and all(frame.image is None for frame in frames):
-        notes.append("labels were not checked against images: the drive has no images")
-    for name, cue in data.policy.cues.items():
-        if cue.has_point_labels:
-            measured += check_leaks(data.of_cue(name), T)
-    if data.policy.cues[data.cues[0]].has_image_labels:
-        aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
-        measured += aligned.measured
-        notes += aligned.notes
-    return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured)
+    of_labels, notes_on_labels = check_labels(data, T)
+    notes += notes_on_labels
+    return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured, *of_labels)
 
 
 def check_motion(data: LoadedDrive, stages: Stages) -> Stages:

@@ -37,6 +37,7 @@ def make_calibration(
         weak=data.policy.weak,
         start="" if initial_pose is None else initial_pose.name,
         near_only=data.policy.near_only if is_near else (),
+        estimated=() if joint is None or joint.camera is None else joint.camera.intrinsics,
     )
     options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
     if initial_pose is not None and initial_pose.source is None:
