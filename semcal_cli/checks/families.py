@@ -18,6 +18,7 @@ from semcal_cli.checks.prior import check_priors
 from semcal_cli.checks.refits import check_other_models
 from semcal_cli.checks.settled import check_fusion, check_polish, check_refinement
 from semcal_cli.checks.shifted_labels import check_label_alignment
+from semcal_cli.checks.shifted_pairing import check_shifted_pairing
 from semcal_cli.checks.untied_clocks import check_clocks
 from semcal_cli.checks.wide_interval import check_interval
 from semcal_cli.checks.wrong_pairing import check_pairing
@@ -157,6 +158,7 @@ def check_consistency(
     return (
         *check_classes(few, T_camera_lidar),
         *check_pairing(few, T_camera_lidar),
+        *check_shifted_pairing(observations, T_camera_lidar),
         check_azimuth(few, T_camera_lidar),
         *check_other_models(few, T_camera_lidar, estimated_s),
     )
