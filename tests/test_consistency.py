@@ -9,6 +9,7 @@ from laboratory.raw_drive import RawDrive
 
 from semcal_cli import core
 from semcal_cli.checks.families import check_consistency
+from semcal_cli.checks.mirrored_clouds import check_mirrored_edges
 from semcal_cli.checks.precedence import diagnosed
 from semcal_cli.checks.registry import CHECKS
 from semcal_cli.checks.shifted_pairing import check_shifted_pairing
@@ -21,6 +22,7 @@ from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics
 from semcal_cli.findings.check import findings_among
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.cues.edges import STARTS, observe_edges
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
@@ -155,3 +157,17 @@ def test_images_a_frame_off_are_told(long_street: RawDrive) -> None:
     # Whatever else speaks against such a pose follows from it.
     others = [CHECKS[topic].finding("found") for topic in ("moved-camera", "intrinsics", "other-pose")]
     assert diagnosed([*others, finding], weak=(), start="a", near_only=("edges",))[0] == finding
+
+
+def test_mirrored_clouds_are_told_by_edges(long_street: RawDrive, rng: np.random.Generator) -> None:
+    T = read_transform(long_street.drive.path)
+    seen = replace(observe_edges(long_street.drive), starts=STARTS)
+    (upright,) = check_mirrored_edges(seen, T, T)
+    assert upright.value is not None
+    assert upright.value < 0.0
+    flip = np.array([1.0, -1.0, 1.0], np.float32)
+    mirrored = seen.with_clouds(cloud.with_points(cloud.points * flip) for cloud in seen.clouds)
+    (finding,) = findings_among(
+        check_mirrored_edges(mirrored, displace(T, 1.0, 0.1, rng), displace(T, 0.5, 0.05, rng))
+    )
+    assert finding.found.startswith("clouds or images seem mirrored, since near the start, points with y ")

@@ -8,6 +8,7 @@ from semcal_cli.checks.chance import check_chance
 from semcal_cli.checks.few_scenes import check_scenes
 from semcal_cli.checks.label_overlap import check_overlap
 from semcal_cli.checks.leaked_labels import check_leaks
+from semcal_cli.checks.mirrored_clouds import check_mirrored_edges
 from semcal_cli.checks.motion_unstated import check_motion, check_shutter, check_unstated
 from semcal_cli.checks.no_direction import check_directions
 from semcal_cli.checks.not_determined import UNDETERMINED, UNDETERMINED_WITH_PRIORS
@@ -29,6 +30,7 @@ from semcal_cli.estimation.refine.polish import Polish
 from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.findings.finding import Finding
+from semcal_cli.findings.symptoms import OF_A_LOST_POSE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.loading import LoadedDrive
@@ -146,6 +148,7 @@ def check_consistency(
     T_camera_lidar: Pose,
     *,
     estimated_s: float | None,
+    T_start: Pose | None = None,
 ) -> tuple[Measured, ...]:
     """Check a pose against its labels, its surroundings, the camera's focal length and the clocks.
 
@@ -153,15 +156,20 @@ def check_consistency(
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) refined pose, metres.
         estimated_s: Estimate of the time offset, seconds; None if the motions of the frames do not determine it.
+        T_start: (4, 4) pose from which it was refined, metres; None if there is none.
     """
     few = few_frames(observations, NUM_FRAMES)
-    return (
+    measured = [
         *check_classes(few, T_camera_lidar),
         *check_pairing(few, T_camera_lidar),
         *check_shifted_pairing(observations, T_camera_lidar),
         check_azimuth(few, T_camera_lidar),
         *check_other_models(few, T_camera_lidar, estimated_s),
-    )
+    ]
+    is_lost = any(finding.topic in OF_A_LOST_POSE for finding in findings_among(measured))
+    if is_lost and T_start is not None:
+        measured += check_mirrored_edges(observations, T_camera_lidar, T_start)
+    return tuple(measured)
 
 
 def check_uncertainty(
