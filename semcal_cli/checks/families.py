@@ -16,6 +16,7 @@ from semcal_cli.checks.one_class import check_classes
 from semcal_cli.checks.other_azimuth import check_azimuth
 from semcal_cli.checks.polish_rejected import check_held_out
 from semcal_cli.checks.prior import check_priors
+from semcal_cli.checks.refined_aspect import check_aspect
 from semcal_cli.checks.refits import check_other_models
 from semcal_cli.checks.settled import check_fusion, check_polish, check_refinement
 from semcal_cli.checks.shifted_labels import check_label_alignment
@@ -25,6 +26,7 @@ from semcal_cli.checks.wide_interval import check_interval
 from semcal_cli.checks.wrong_pairing import check_pairing
 from semcal_cli.drive.document import Drive
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
+from semcal_cli.estimation.adjust.joint import JointEstimate
 from semcal_cli.estimation.adjust.priors import Fused
 from semcal_cli.estimation.refine.polish import Polish
 from semcal_cli.estimation.refine.pyramid import Refinement
@@ -106,7 +108,10 @@ def check_labels(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[tuple[Measure
 
 
 def check_stages(
-    refined: Refinement | None, polished: Polish | None, fused: Fused | None
+    refined: Refinement | None,
+    polished: Polish | None,
+    fused: Fused | None,
+    joint: JointEstimate | None = None,
 ) -> tuple[Finding, ...]:
     """Check that the stages that lead to a pose settled, that held-out data accept it, and that priors agree.
 
@@ -114,7 +119,10 @@ def check_stages(
         refined: The refinement; None if it was not run.
         polished: The polish; None if it was not run.
         fused: The fusion with priors; None without priors.
+        joint: The joint estimate with intrinsics or the clock; None if none was asked for.
     """
+    if joint is not None and joint.is_kept:
+        return () if joint.camera is None else check_aspect(joint.camera)
     findings = list[Finding]()
     # If labels alone determine no pose, their polish is not expected to settle.
     if polished is not None and (fused is None or fused.is_alone):
