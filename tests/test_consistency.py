@@ -5,9 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import with_twists
+from laboratory.raw_drive import RawDrive
 
 from semcal_cli import core
 from semcal_cli.checks.families import check_consistency
+from semcal_cli.checks.mirrored_clouds import check_mirrored_edges
+from semcal_cli.checks.precedence import diagnosed
+from semcal_cli.checks.registry import CHECKS
+from semcal_cli.checks.shifted_pairing import check_shifted_pairing
 from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.estimation.adjust.intrinsics_estimate import estimate_intrinsics
@@ -15,7 +20,10 @@ from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import refine_exactly
 from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics
 from semcal_cli.findings.check import findings_among
+from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.twists import displace
+from semcal_cli.observations.cues.edges import STARTS, observe_edges
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
 
@@ -135,3 +143,31 @@ def test_wrong_clocks_are_told_from_the_motion(
     found = [line for line in sentences(seen, ended) if line.startswith("the clocks look wrong, ")]
     said = f" ms {side} than image_stamp says: calibrate with --estimate-delay"
     assert [said in line for line in found] == [True] * bool(side)
+
+
+def test_images_a_frame_off_are_told(long_street: RawDrive) -> None:
+    T = read_transform(long_street.drive.path)
+    seen = replace(observe_edges(long_street.drive), starts=STARTS)
+    (paired,) = check_shifted_pairing(seen, T)
+    assert paired.value is not None
+    assert paired.value < 0.0
+    off = seen.of_frames(range(seen.num_frames - 1)).with_images(seen.images[1:])
+    (finding,) = findings_among(check_shifted_pairing(off, T))
+    assert finding.found.startswith("images 1 frame earlier fit these sweeps ")
+    # Whatever else speaks against such a pose follows from it.
+    others = [CHECKS[topic].finding("found") for topic in ("moved-camera", "intrinsics", "other-pose")]
+    assert diagnosed([*others, finding], weak=(), start="a", near_only=("edges",))[0] == finding
+
+
+def test_mirrored_clouds_are_told_by_edges(long_street: RawDrive, rng: np.random.Generator) -> None:
+    T = read_transform(long_street.drive.path)
+    seen = replace(observe_edges(long_street.drive), starts=STARTS)
+    (upright,) = check_mirrored_edges(seen, T, T)
+    assert upright.value is not None
+    assert upright.value < 0.0
+    flip = np.array([1.0, -1.0, 1.0], np.float32)
+    mirrored = seen.with_clouds(cloud.with_points(cloud.points * flip) for cloud in seen.clouds)
+    (finding,) = findings_among(
+        check_mirrored_edges(mirrored, displace(T, 1.0, 0.1, rng), displace(T, 0.5, 0.05, rng))
+    )
+    assert finding.found.startswith("clouds or images seem mirrored, since near the start, points with y ")

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -145,6 +146,8 @@ def test_a_wrong_intrinsic_is_named_with_its_value(
     assert estimate is not None
     assert [*estimate.given][int(estimate.deviations.argmax())] == name
     assert finding.sentence.startswith(f"the frames contradict the intrinsics: {name} should be ")
+    advised = finding.advice.rpartition(" ")[2].split(",")
+    assert {*re.findall(r"(\w+) should be ", finding.found)} <= {*advised} <= {*estimate.given}
     index = [*estimate.given].index(name)
     assert estimate.changes[index] == pytest.approx(-off, abs=3.0 * estimate.sigmas[index])
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import with_twists
 
+from semcal_cli.checks.families import check_stages
 from semcal_cli.config import AdjustmentConfig, CalibrationConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_names, intrinsic_value, with_intrinsics
@@ -93,6 +94,26 @@ def test_wrong_intrinsics_are_found_from_both_sides(
         most = MAX_FOCAL_SHARE * true if name[0] == "f" else MAX_CENTER_PX
         assert abs(each.found - true) < most, name
     assert found.observations.camera == found.camera.found
+
+
+@pytest.mark.parametrize(
+    ("given", "found", "is_told"), [(1.0, 1.02, True), (1.0, 1.005, False), (1.03, 1.02, False)]
+)
+def test_an_estimate_that_contradicts_square_pixels_is_told(
+    observed: Observations, truth: Pose, given: float, found: float, is_told: bool
+) -> None:
+    """A lens keeps its aspect; where the drive states another one, nothing is known of it."""
+
+    def squeezed(camera: Camera, aspect: float) -> Camera:
+        return with_intrinsics(camera, {"fx": aspect * intrinsic_value(camera, "fy")})
+
+    wrong = replace(observed, camera=squeezed(spoiled(observed.camera, 0.03, 8.0), given))
+    joint = estimate(wrong, truth)
+    assert joint.camera is not None
+    assert check_stages(None, None, None, joint) == ()
+    camera = joint.camera.model_copy(update={"found": squeezed(joint.camera.found, found)})
+    findings = check_stages(None, None, None, replace(joint, camera=camera))
+    assert [finding.topic for finding in findings] == ["refined-aspect"] * is_told
 
 
 def test_right_intrinsics_and_their_pose_stay(observed: Observations, truth: Pose) -> None:

@@ -154,6 +154,16 @@ def test_a_near_start_is_not_doubted_for_what_good_starts_have(
     assert (findings[0].topic == "far-start") == is_doubted
 
 
+def test_intrinsics_that_were_estimated_are_not_advised_to_be_estimated_again() -> None:
+    asked = ("fx", "fy", "cx", "cy")
+    (of_k, of_lens) = found("focal-length", "intrinsics")
+    of_lens = of_lens._replace(advice=f"{of_lens.advice},k1")
+    again, more = diagnosed((of_k, of_lens), weak=(), estimated=asked)[::-1]
+    assert again.advice.endswith(", or calibrate the intrinsics of the camera anew, with a board")
+    assert more == of_lens
+    assert diagnosed((of_lens,), weak=(), estimated=(*asked, "k1"))[0].advice.endswith(" with a board")
+
+
 def test_nothing_explains_itself_in_a_circle() -> None:
     assert all(check.explains <= CHECKS.keys() for check in CHECKS.values())
     explains = {topic: {*check.explains} for topic, check in CHECKS.items()}

@@ -136,14 +136,15 @@ def test_what_contradicts_the_labels_or_itself_is_said(
     fused = fuse_with_priors(street_observations, polished, [prior])
     (finding,) = check_stages(None, None, fused)
     assert re.fullmatch(
-        r"--fix ty is 20\.\d cm from the pose that labels alone give, chi-square \d+ with 1 degree of freedom "
-        r"\(limit \d+\): measure it again, or give a larger SIGMA",
+        r"--fix ty is 20\.\d cm from the pose that the data alone give, chi-square \d+ with 1 degree of freedom "
+        r"\(limit \d+\): give a start that is right along these axes, or leave --fix out",
         finding.sentence,
     )
     tape = Prior("tape", nudged(polished, (0.01, 0.0, 0.0)), (0.001, *FREE[:5]))
     exact = Prior("--fix tx", polished, (0.0, *FREE[:5]))
     fused = fuse_with_priors(street_observations, polished, [tape, exact])
     assert check_stages(None, None, fused)[0].sentence.startswith("tape is 1.0 cm from ")
+    assert check_stages(None, None, fused)[0].advice == "measure it again, or give a larger SIGMA"
 
 
 def test_labels_in_one_corner_leave_the_pose_to_what_is_known(

@@ -8,6 +8,7 @@ from semcal_cli.checks.chance import check_chance
 from semcal_cli.checks.few_scenes import check_scenes
 from semcal_cli.checks.label_overlap import check_overlap
 from semcal_cli.checks.leaked_labels import check_leaks
+from semcal_cli.checks.mirrored_clouds import check_mirrored_edges
 from semcal_cli.checks.motion_unstated import check_motion, check_shutter, check_unstated
 from semcal_cli.checks.no_direction import check_directions
 from semcal_cli.checks.not_determined import UNDETERMINED, UNDETERMINED_WITH_PRIORS
@@ -15,19 +16,23 @@ from semcal_cli.checks.one_class import check_classes
 from semcal_cli.checks.other_azimuth import check_azimuth
 from semcal_cli.checks.polish_rejected import check_held_out
 from semcal_cli.checks.prior import check_priors
+from semcal_cli.checks.refined_aspect import check_aspect
 from semcal_cli.checks.refits import check_other_models
 from semcal_cli.checks.settled import check_fusion, check_polish, check_refinement
 from semcal_cli.checks.shifted_labels import check_label_alignment
+from semcal_cli.checks.shifted_pairing import check_shifted_pairing
 from semcal_cli.checks.untied_clocks import check_clocks
 from semcal_cli.checks.wide_interval import check_interval
 from semcal_cli.checks.wrong_pairing import check_pairing
 from semcal_cli.drive.document import Drive
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
+from semcal_cli.estimation.adjust.joint import JointEstimate
 from semcal_cli.estimation.adjust.priors import Fused
 from semcal_cli.estimation.refine.polish import Polish
 from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.findings.finding import Finding
+from semcal_cli.findings.symptoms import OF_A_LOST_POSE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.loading import LoadedDrive
@@ -79,28 +84,34 @@ def check_recording(
 
 
 def check_labels(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[tuple[Measured, ...], tuple[str, ...]]:
-    """Check that labels belong to their points and pixels, and that those of points do not come from the images.
+    """Check that no labels come from the other side, and that label images lie on their images.
 
     Args:
         data: The drive.
         T_camera_lidar: (4, 4) pose, metres.
 
     Returns:
-        What was measured, and notes that do not speak against the pose.
+        What was measured, and notes on what was not checked.
     """
-    measured, notes = list[Measured](), tuple[str, ...]()
+    measured, notes, frames = list[Measured](), list[str](), data.drive.frames
+    has_labels = any(frame.image_labels is not None for frame in frames)
+    if has_labels and all(frame.image is None for frame in frames):
+        notes.append("labels were not checked against images: the drive has no images")
     for name, cue in data.policy.cues.items():
         if cue.has_point_labels:
             measured += check_leaks(data.of_cue(name), T_camera_lidar)
     if data.policy.cues[data.cues[0]].has_image_labels:
         aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
         measured += aligned.measured
-        notes = tuple(aligned.notes)
-    return tuple(measured), notes
+        notes += aligned.notes
+    return tuple(measured), tuple(notes)
 
 
 def check_stages(
-    refined: Refinement | None, polished: Polish | None, fused: Fused | None
+    refined: Refinement | None,
+    polished: Polish | None,
+    fused: Fused | None,
+    joint: JointEstimate | None = None,
 ) -> tuple[Finding, ...]:
     """Check that the stages that lead to a pose settled, that held-out data accept it, and that priors agree.
 
@@ -108,7 +119,10 @@ def check_stages(
         refined: The refinement; None if it was not run.
         polished: The polish; None if it was not run.
         fused: The fusion with priors; None without priors.
+        joint: The joint estimate with intrinsics or the clock; None if none was asked for.
     """
+    if joint is not None and joint.is_kept:
+        return () if joint.camera is None else check_aspect(joint.camera)
     findings = list[Finding]()
     # If labels alone determine no pose, their polish is not expected to settle.
     if polished is not None and (fused is None or fused.is_alone):
@@ -142,6 +156,7 @@ def check_consistency(
     T_camera_lidar: Pose,
     *,
     estimated_s: float | None,
+    T_start: Pose | None = None,
 ) -> tuple[Measured, ...]:
     """Check a pose against its labels, its surroundings, the camera's focal length and the clocks.
 
@@ -149,14 +164,20 @@ def check_consistency(
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) refined pose, metres.
         estimated_s: Estimate of the time offset, seconds; None if the motions of the frames do not determine it.
+        T_start: (4, 4) pose from which it was refined, metres; None if there is none.
     """
     few = few_frames(observations, NUM_FRAMES)
-    return (
+    measured = [
         *check_classes(few, T_camera_lidar),
         *check_pairing(few, T_camera_lidar),
+        *check_shifted_pairing(observations, T_camera_lidar),
         check_azimuth(few, T_camera_lidar),
         *check_other_models(few, T_camera_lidar, estimated_s),
-    )
+    ]
+    is_lost = any(finding.topic in OF_A_LOST_POSE for finding in findings_among(measured))
+    if is_lost and T_start is not None:
+        measured += check_mirrored_edges(observations, T_camera_lidar, T_start)
+    return tuple(measured)
 
 
 def check_uncertainty(

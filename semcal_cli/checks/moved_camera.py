@@ -46,7 +46,10 @@ MOVED_CAMERA = Check(
             ),
         ),
         meaning="The camera has at least two poses in this drive, one before and one after this frame.",
-        cause="Somebody knocked or adjusted a sensor, or two drives were merged.",
+        cause=(
+            "Somebody knocked or adjusted a sensor, or two drives were merged. Sweeps and images that are paired a "
+            "frame off look alike where the speed differs between the parts."
+        ),
         remedy=(
             "Write a `drive.yaml` for the frames of each part, and calibrate each: "
             "[calibrating.md](calibrating.md#a-camera-that-was-knocked)."

@@ -40,16 +40,16 @@ NOT_DETERMINED_TOGETHER = Check(
         "record frames with near and far objects, or give more with --prior-translation-m and --prior-rotation-deg"
     ),
     entry=Entry(
-        title="Labels and priors together do not determine it",
+        title="Data and priors together do not determine it",
         section=PageSection.DETERMINATION,
         quotes=(
             (
-                "labels and priors together do not determine the pose: record frames with near and far "
+                "data and priors together do not determine the pose: record frames with near and far "
                 "objects, or give more with --prior-translation-m and --prior-rotation-deg"
             ),
         ),
-        meaning="The same, despite a prior: neither the prior nor the labels determine one of the axes.",
-        cause="The prior states the position and the labels leave a rotation open, or vice versa.",
+        meaning="The same, despite a prior: neither the prior nor the data determine one of the axes.",
+        cause="The prior states the position and the data leave a rotation open, or vice versa.",
         remedy="Give a prior for the other half as well, or add frames.",
     ),
 )
@@ -58,5 +58,5 @@ UNDETERMINED = NOT_DETERMINED.finding(
     "agreement"
 )
 UNDETERMINED_WITH_PRIORS = NOT_DETERMINED_TOGETHER.finding(
-    "labels and priors together do not determine the pose"
+    "data and priors together do not determine the pose"
 )

@@ -8,6 +8,7 @@ from semcal_cli.checks.far_start import check_start
 from semcal_cli.checks.registry import CHECKS
 from semcal_cli.checks.weak_cue import check_strength
 from semcal_cli.findings.finding import Finding, Leading
+from semcal_cli.findings.phrases import ESTIMATE, OR_CALIBRATE_CAMERA
 from semcal_cli.geometry.poses import PoseError
 
 ORDER = {topic: number for number, topic in enumerate(CHECKS)}
@@ -20,6 +21,7 @@ def diagnosed(
     start: str = "",
     near_only: Sequence[str] = (),
     moved: PoseError | None = None,
+    estimated: Iterable[str] = (),
 ) -> tuple[Finding, ...]:
     """Add the causes that the circumstances suggest for findings, and put likely causes first.
 
@@ -31,6 +33,7 @@ def diagnosed(
         start: Name of the start that was given; empty without one.
         near_only: Cues that need a start near the right pose, where nothing was searched around the given one.
         moved: Difference of the pose from the given start; None if it is not known.
+        estimated: Names of intrinsics that were estimated together with the pose.
     """
     suggested = list(check_strength(weak, findings))
     if start:
@@ -43,7 +46,10 @@ def diagnosed(
         is_cause = bool(CHECKS[finding.topic].explains & topics)
         return finding.topic in explained, ORDER[finding.topic] if is_cause else len(ORDER)
 
-    return tuple(_as_advised(finding, has_start=bool(start)) for finding in sorted(findings, key=place))
+    known = {*estimated}
+    return tuple(
+        _as_advised(finding, known, has_start=bool(start)) for finding in sorted(findings, key=place)
+    )
 
 
 def leading(topics: Iterable[str]) -> Leading:
@@ -59,8 +65,11 @@ def _explained_by(topics: set[str]) -> set[str]:
     return {topic for cause in topics & CHECKS.keys() for topic in CHECKS[cause].explains}
 
 
-def _as_advised(finding: Finding, *, has_start: bool) -> Finding:
+def _as_advised(finding: Finding, estimated: set[str], *, has_start: bool) -> Finding:
     check = CHECKS[finding.topic]
     if has_start and check.advice_beside_start and finding.advice == check.advice:
         return finding._replace(advice=check.advice_beside_start)
+    before, _, names = finding.advice.partition(ESTIMATE)
+    if names and {*names.split(",")} <= estimated:
+        return finding._replace(advice=f"{before}{OR_CALIBRATE_CAMERA}")
     return finding

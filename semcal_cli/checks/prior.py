@@ -1,4 +1,4 @@
-"""Whether priors contradict the labels, or the pose that labels and priors give together."""
+"""Whether priors contradict the data, or the pose that data and priors give together."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ PRIOR = Check(
     topic="prior",
     advice="measure it again, or give a larger SIGMA",
     entry=Entry(
-        title="A prior contradicts the labels",
+        title="A prior contradicts the data",
         section=PageSection.STATED,
         quotes=(
             (
-                "--prior-translation-m 1.2 0 0.4 0.02 is 12.3 cm from the pose that labels alone "
+                "--prior-translation-m 1.2 0 0.4 0.02 is 12.3 cm from the pose that the data alone "
                 "give, chi-square 88 with 3 degrees of freedom (limit 31): measure it again, "
                 "or give a larger SIGMA"
             ),
@@ -29,22 +29,27 @@ PRIOR = Check(
                 "SIGMA"
             ),
         ),
-        meaning="The prior and the labels are farther apart than their standard deviations explain.",
+        meaning="The prior and the data are farther apart than their standard deviations explain.",
         cause=(
             "Frames were mixed up (body or optical, LiDAR or robot base), a sign is wrong, or SIGMA "
-            "is too small."
+            "is too small. `--fix` keeps axes of the start, which may be wrong."
         ),
-        remedy="Calibrate without the prior and compare: `semcal compare` shows which axis differs.",
+        remedy=(
+            "Calibrate without the prior and compare: `semcal compare` shows which axis differs. For `--fix`, give a "
+            "start that is right along its axes, or leave it out."
+        ),
         figure=(
-            "Distance of a prior from the pose of the labels, as its probability by chance, and from "
+            "Distance of a prior from the pose of the data, as its probability by chance, and from "
             "the final pose along one axis. The check needs a prior."
         ),
     ),
 )
+ADVICE_FIX = "give a start that is right along these axes, or leave --fix out"
+"""Advice about axes of the start that `--fix` keeps."""
 
 
 def check_priors(fused: Fused) -> tuple[Finding, ...]:
-    """Check each prior against the pose of the labels alone, and where the two agree, against the final pose."""
+    """Check each prior against the pose of the data alone, and where the two agree, against the final pose."""
     return tuple(finding for offset in fused.prior_offsets for finding in _check_prior(offset))
 
 
@@ -54,7 +59,7 @@ def _check_prior(offset: PriorOffset) -> tuple[Finding, ...]:
 
 
 def _contradiction(name: str, offset: OffsetFromLabels) -> tuple[Finding, ...]:
-    """Compare a prior with the optimum of the labels alone, over all known axes at once."""
+    """Compare a prior with the optimum of the data alone, over all known axes at once."""
     # With few parts of the images, chance explains almost any distance, so the distance is limited as well.
     by_chance = core.fisher_limit(PRIOR.limit("chance"), offset.num_axes, offset.degrees_of_freedom)
     max_chi2 = offset.num_axes * min(by_chance, PRIOR.limit("one axis") ** 2)
@@ -62,10 +67,10 @@ def _contradiction(name: str, offset: OffsetFromLabels) -> tuple[Finding, ...]:
         return ()
     chi2, most = format_against_limit(offset.chi2, max_chi2)
     sentence = (
-        f"{name} is {_length(offset.axis, offset.offset)} from the pose that labels alone give, chi-square {chi2} with "
-        f"{counted(offset.num_axes, 'degree')} of freedom (limit {most})"
+        f"{name} is {_length(offset.axis, offset.offset)} from the pose that the data alone give, chi-square {chi2} "
+        f"with {counted(offset.num_axes, 'degree')} of freedom (limit {most})"
     )
-    return (PRIOR.finding(sentence),)
+    return (_advised(name, PRIOR.finding(sentence)),)
 
 
 def _distance(offset: PriorOffset) -> tuple[Finding, ...]:
@@ -75,7 +80,15 @@ def _distance(offset: PriorOffset) -> tuple[Finding, ...]:
         f"{offset.name} is {_length(offset.axis, offset.offset)} from the pose that everything else gives, {off} "
         f"standard deviations (limit {most})"
     )
-    return PRIOR.measured(offset.deviations, sentence, "one axis").findings
+    return tuple(
+        _advised(offset.name, finding)
+        for finding in PRIOR.measured(offset.deviations, sentence, "one axis").findings
+    )
+
+
+def _advised(name: str, finding: Finding) -> Finding:
+    """Advise what the option of a prior allows: `--fix` takes no SIGMA."""
+    return finding._replace(advice=ADVICE_FIX) if name.startswith("--fix") else finding
 
 
 def _length(axis: int, offset: float) -> str:

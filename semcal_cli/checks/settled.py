@@ -68,16 +68,16 @@ FUSION_NOT_SETTLED = Check(
     topic="fusion-not-settled",
     advice=NEARER,
     entry=Entry(
-        title="Labels and priors had not settled",
+        title="Data and priors had not settled",
         section=PageSection.CONVERGENCE,
         quotes=(
             (
-                "the pose from labels and priors had not settled after 20 rounds: add frames, or start "
+                "the pose from data and priors had not settled after 20 rounds: add frames, or start "
                 "nearer with --init"
             ),
         ),
-        meaning="The pose that combines labels and priors was still moving.",
-        cause="A prior is far from the pose of the labels.",
+        meaning="The pose that combines data and priors was still moving.",
+        cause="A prior is far from the pose of the data.",
         remedy="Check the prior, then add frames or start nearer.",
     ),
 )
@@ -107,8 +107,8 @@ def check_polish(polished: Polish) -> tuple[Finding, ...]:
 
 
 def check_fusion(fused: Fused) -> tuple[Finding, ...]:
-    """Check that labels and priors agreed on a pose."""
+    """Check that data and priors agreed on a pose."""
     if fused.is_settled:
         return ()
-    sentence = f"the pose from labels and priors had not settled after {MAX_ROUNDS} rounds"
+    sentence = f"the pose from data and priors had not settled after {MAX_ROUNDS} rounds"
     return (FUSION_NOT_SETTLED.finding(sentence),)

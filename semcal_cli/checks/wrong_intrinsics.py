@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.camera import K_ENTRIES, Camera
 from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.adjust.intrinsics_estimate import IntrinsicsEstimate
 from semcal_cli.findings.check import Check, Limit, Measured
@@ -94,10 +94,12 @@ def check_intrinsics(estimate: IntrinsicsEstimate | None, camera: Camera) -> Tes
 
 
 def _compare(estimate: IntrinsicsEstimate) -> Measured:
-    limit, deviations, words = WRONG_INTRINSICS.limit(), estimate.deviations, list[str]()
+    limit, deviations = WRONG_INTRINSICS.limit(), estimate.deviations
+    words, of_lens = list[str](), ""
     for index in np.argsort(-deviations):
         if deviations[index] > limit:
             name = [*estimate.given][index]
+            of_lens += "" if name in K_ENTRIES else f",{name}"
             given, half = estimate.given[name], figure(NORMAL_95 * float(estimate.sigmas[index]))
             digits = len(half.partition(".")[2])
             away, _ = format_against_limit(float(deviations[index]), limit, 1)
@@ -106,7 +108,12 @@ def _compare(estimate: IntrinsicsEstimate) -> Measured:
                 f"{given:.{max(digits, 1)}f}, {away} standard errors away"
             )
     sentence = f"the frames contradict the intrinsics: {', '.join(words)} (limit {limit:g})" if words else ""
-    return WRONG_INTRINSICS.measured(float(deviations.max()), sentence)
+    measured = WRONG_INTRINSICS.measured(float(deviations.max()), sentence)
+    if measured.finding is None:
+        return measured
+    # An estimate without what is accused would leave the same doubt.
+    advised = measured.finding._replace(advice=f"{measured.finding.advice}{of_lens}")
+    return measured._replace(finding=advised)
 
 
 def _checked(estimate: IntrinsicsEstimate) -> CheckedIntrinsics:

@@ -7,7 +7,11 @@ from semcal_cli.errors import format_against_limit
 ELSEWHERE = "add frames from other places"
 BY_HAND = f"{ELSEWHERE}, or measure the mounting by hand and give it with --init-rpy-xyz"
 NEARER = "add frames, or start nearer with --init"
-OR_ESTIMATE_K = "or calibrate with --refine-intrinsics fx,fy,cx,cy"
+ESTIMATE = "or calibrate with --refine-intrinsics "
+"""Advice that names of intrinsics follow, by commas."""
+OR_ESTIMATE_K = f"{ESTIMATE}fx,fy,cx,cy"
+OR_CALIBRATE_CAMERA = "or calibrate the intrinsics of the camera anew, with a board"
+"""Advice where the intrinsics were estimated already."""
 
 
 def describe_rival_fit(behind: float, min_behind: float, digits: int) -> str:

@@ -74,7 +74,9 @@ def assess(
     used = replace(data, observations=seen)
     pose = _AssessedPose(used, stages, config.polish, ClockUncertainty.of(used, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(used.checked_by, T, estimated_s=pose.estimated_s)
+        measured = check_consistency(
+            used.checked_by, T, estimated_s=pose.estimated_s, T_start=stages.initial.T_camera_lidar
+        )
         assessment = _compare_frames(pose).with_measured(*measured)
     else:
         can_bleed = with_label_bleed and data.policy.has_label_bleed
@@ -233,7 +235,13 @@ def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -
     # While one check runs Python code, the core works on another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, pose)
-        of_consistency = pool.submit(check_consistency, of_checks, T, estimated_s=pose.estimated_s)
+        of_consistency = pool.submit(
+            check_consistency,
+            of_checks,
+            T,
+            estimated_s=pose.estimated_s,
+            T_start=pose.stages.initial.T_camera_lidar,
+        )
         of_scale = pool.submit(check_scale, of_checks)
         of_pose = pool.submit(_uncertainty, pose, with_label_bleed=with_label_bleed)
         started = of_frames, of_consistency, of_scale, of_pose
@@ -331,9 +339,6 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     topics = {finding.topic for finding in findings_among(measured)}
     if not pose.is_clock_estimated and UNTIED_CLOCKS not in topics:
         notes += notes_on_clock(data, pose.clock)
-    has_labels = any(frame.image_labels is not None for frame in frames)
-    if has_labels and all(frame.image is None for frame in frames):
-        notes.append("labels were not checked against images: the drive has no images")
     of_labels, notes_on_labels = check_labels(data, T)
     notes += notes_on_labels
     return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured, *of_labels)

@@ -41,6 +41,7 @@ def make_calibration(
         moved=None
         if initial_pose is None
         else compare_poses(stages.T_camera_lidar, initial_pose.T_camera_lidar),
+        estimated=() if joint is None or joint.camera is None else joint.camera.intrinsics,
     )
     options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
     if initial_pose is not None and initial_pose.source is None:

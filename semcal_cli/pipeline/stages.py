@@ -198,11 +198,10 @@ class Stages:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Everything that speaks against the pose of the last stage."""
-        of_stages = () if self.is_joint else check_stages(self.refined, self.polished, self.fused)
         return (
             *self.of_search,
             *self.of_data,
-            *of_stages,
+            *check_stages(self.refined, self.polished, self.fused, self.joint),
             *(() if self.assessment is None else self.assessment.findings),
             *self.of_comparison,
             *check_pose(self.T_camera_lidar, self.last.agreement, self.max_baseline_m),
