@@ -24,7 +24,7 @@ WORDS = {
     "deep": "[" * 100_000,
     "nested": "[" + '{"a": ' * 100 + r'"\\"' + "}" * 100 + "]",
     "keys": "\n".join(f"{'k' * 99}{i}: 1" for i in range(3000)),
-    "eight keys": ", ".join(["k" * 37 + "..."] * 8),
+    "eight keys": ", ".join(f"...{'k' * 8}{i}" for i in range(8)),
     "storage keys": "\n---\n" + "".join(f"key{i}: 1\n" for i in range(3000)),
     "side": "expected a whole number from 1 to 65535",
     "no rotation": "found determinant 2 and R R^T off the identity by 3, expected a rotation: determinant 1 and R R^T "
