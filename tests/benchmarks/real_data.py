@@ -77,6 +77,35 @@ def with_fewer_rings(real: RealDrive, kept: int, folder: Path) -> Iterator[RealD
         yield real._replace(name=f"{real.name}, {kept} rings from {first}", path=path)
 
 
+TURNED = {
+    "upside down": np.diag([1.0, -1.0, -1.0]),
+    "on its side": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "nose down": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+}
+"""Rotations (3, 3) of points from the frame of an upright LiDAR to one that is not."""
+
+
+def with_turned_lidar(real: RealDrive, folder: Path) -> Iterator[RealDrive]:
+    """Write a drive of KITTI again with points in a frame that is not upright, once for each rotation."""
+    document = yaml.safe_load((real.path / "drive.yaml").read_text())
+    # Its spin is about another axis.
+    document.pop("lidar", None)
+    for name, rotation in TURNED.items():
+        path = folder / f"{real.path.name}_{name.replace(' ', '_')}"
+        path.mkdir()
+        frames = []
+        for number, frame in enumerate(document["frames"]):
+            points = np.fromfile(real.path / frame["points"], np.float32).reshape(-1, 4)
+            points[:, :3] = points[:, :3] @ rotation.T
+            points.tofile(path / f"{number}.bin")
+            frames.append(frame | {"points": f"{number}.bin"})
+        T = np.array(document["T_camera_lidar"])
+        T[:3, :3] = T[:3, :3] @ rotation.T
+        turned = document | {"frames": frames, "T_camera_lidar": T.tolist()}
+        (path / "drive.yaml").write_text(yaml.safe_dump(turned))
+        yield real._replace(name=f"{real.name}, {name}", path=path)
+
+
 def _rings(points: np.ndarray) -> np.ndarray:
     """Number the rings (N,) of a sweep of KITTI, whose file has one after the other, each from straight ahead."""
     turned = np.arctan2(points[:, 1], points[:, 0]) % (2.0 * np.pi)

@@ -4,11 +4,12 @@
     python tests/benchmarks/real_drives.py ../shared/data --start nothing --cue segments,edges --only KITTI
     python tests/benchmarks/real_drives.py ../shared/data --start close --pairs 1 --only "KITTI object"
     python tests/benchmarks/real_drives.py ../shared/data --cue edges --rings 16 --starts 2 --only KITTI
+    python tests/benchmarks/real_drives.py ../shared/data --start nothing --cue segments,edges --turned --only KITTI
 
 Each run starts near the published pose, in a direction of its own, as with `semcal calibrate --init`, or from nothing
 with a seed of its own. With `--pairs N` each takes N frames of the drive: one after the other, or at random. With
-`--rings 16`, sweeps of KITTI are cut to 16 of their 64 rings, in all four ways. Only drives whose names contain
-`--only` are run.
+`--rings 16`, sweeps of KITTI are cut to 16 of their 64 rings, in all four ways, and with `--turned` their points are in
+a frame that is upside down, on its side, or nose down. Only drives whose names contain `--only` are run.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from benchmark import script, summary
 from laboratory.rates import median_and_worst
-from real_data import RealDrive, real_drives, with_fewer_rings
+from real_data import RealDrive, real_drives, with_fewer_rings, with_turned_lidar
 
 from semcal_cli.cli.options import CUES as CUE_NAMES
 from semcal_cli.config import CalibrationConfig
@@ -144,10 +145,13 @@ COLUMNS = (
 )
 
 
-def _chosen(data: Path, folder: Path, only: str, rings: int) -> Iterator[RealDrive]:
+def _chosen(data: Path, folder: Path, only: str, rings: int, turned: bool) -> Iterator[RealDrive]:
     for real in real_drives(data, folder):
         if only in real.name:
-            yield from [real] if rings == 64 else with_fewer_rings(real, rings, folder)
+            if turned:
+                yield from with_turned_lidar(real, folder)
+            else:
+                yield from [real] if rings == 64 else with_fewer_rings(real, rings, folder)
 
 
 def main(
@@ -159,6 +163,7 @@ def main(
     first_seed: int = 90,
     pairs: tuple[int, ...] = (),
     rings: int = 64,
+    turned: bool = False,
     only: str = "",
 ) -> Iterator[str]:
     seeds = range(first_seed, first_seed + starts)
@@ -166,7 +171,7 @@ def main(
     with TemporaryDirectory() as folder:
         found = (
             evaluate(real, each, start, seeds, num_pairs)
-            for real in _chosen(data.resolve(), Path(folder), only, rings)
+            for real in _chosen(data.resolve(), Path(folder), only, rings, turned)
             for each in cue
             if real.files_allow(each.split(","))
             for num_pairs in numbers
