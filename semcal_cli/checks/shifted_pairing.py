@@ -13,14 +13,14 @@ from semcal_cli.observations.observations import Observations
 SHIFTED_PAIRING = Check(
     topic="shifted-pairing",
     explains=OF_A_WRONG_POSE | {"far-start"},
-    advice="pair sweeps and images by their stamps, since one side seems to lack files that the other has",
+    advice="check which side lacks files that the other has, and pair sweeps and images by their stamps",
     entry=Entry(
         title="Images of the next frames fit better",
         section=PageSection.FILES,
         quotes=(
             (
-                "images 1 frame later fit these sweeps 10.5 standard errors better than their own (limit 6): pair "
-                "sweeps and images by their stamps, since one side seems to lack files that the other has"
+                "images 1 frame later fit these sweeps 10.5 standard errors better than their own (limit 6): check "
+                "which side lacks files that the other has, and pair sweeps and images by their stamps"
             ),
         ),
         meaning="All sweeps fit the images of other moments, the same number of frames away, better than their own.",
