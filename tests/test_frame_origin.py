@@ -300,7 +300,17 @@ def test_a_viewpoint_of_pcd_files_is_named(fine_street: Path, tmp_path: Path) ->
         return " ".join(inspect(read_drive(drive)).advice)
 
     assert "sweep.pcd: VIEWPOINT states [1.40, 0.10, 1.70], which is not used" in advice("1.4 0.1 1.7")
-    assert "VIEWPOINT" not in advice("0 0 0")
+    # What is no place is ignored, as by the reader of the points.
+    for place in ("0 0 0", "1.4 - e"):
+        assert "VIEWPOINT" not in advice(place)
+
+
+def test_an_inspection_survives_a_missing_first_pcd(fine_street: Path, tmp_path: Path) -> None:
+    drive = shutil.copytree(fine_street, tmp_path / "drive")
+    with edited(drive) as document:
+        document["frames"][0]["points"] = "missing.pcd"
+    report = inspect(read_drive(drive))
+    assert "missing.pcd" in " ".join(report.frames[0].suspicions)
 
 
 def test_segments_are_labelled_as_seen_from_where_rays_start(fine_street: Path, vehicle: Path) -> None:

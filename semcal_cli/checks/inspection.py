@@ -173,7 +173,7 @@ def inspect(drive: Drive) -> DriveReport:
                 )
             ),
             *motion.advice,
-            *_sentences(check_viewpoint(drive)),
+            *_sentences(check_viewpoint(probed)),
             *_sentences(check_seam(drive, clouds)),
         ),
         hidden_shares=hidden_shares,

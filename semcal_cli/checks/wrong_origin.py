@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.estimation.search.ray_origin import FARTHEST_M, STEPS_M, find_ray_origin
+from semcal_cli.estimation.search.ray_origin import FARTHEST_M, STEPS_M, find_ray_origin, place_text
 from semcal_cli.files.input_files import read_start
 from semcal_cli.findings.check import Check
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
 from semcal_cli.findings.symptoms import OF_A_WRONG_POSE
-from semcal_cli.geometry.arrays import Points, Vector
+from semcal_cli.geometry.arrays import Points
 
 WRONG_ORIGIN = Check(
     topic="wrong-origin",
@@ -57,7 +57,9 @@ VIEWPOINT_UNUSED = Check(
         remedy="`semcal inspect DRIVE --find-origin` finds from the points where rays start; state it if it agrees.",
     ),
 )
-VIEWPOINT, HEADER_BYTES = re.compile(rb"^VIEWPOINT((?: +[-+.\deE]+){3})", re.MULTILINE), 4096
+VIEWPOINT = re.compile(rb"^VIEWPOINT((?:[ \t]+[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?){3})\s", re.MULTILINE)
+"""The line of a PCD header with a place, whose other four numbers are a rotation."""
+HEADER_BYTES = 4096
 MIN_DISTANCE_M = 1.0
 """Lasers of an HDL-64E start 12 to 20 cm from the origin, and the place that is found is good to some 20 cm. Where real
 sweeps were moved by 0.7 m, the ratio was 1.1 to 1.9; that of one cloud accumulated from a VLP-16 is 2.1 at 0.5 m."""
@@ -72,7 +74,7 @@ def check_origin(drive: Drive, clouds: Sequence[Points]) -> tuple[Finding, ...]:
     if not found.is_clear or np.linalg.norm(found.origin_m) < MIN_DISTANCE_M:
         return ()
     stated_m = np.zeros(3) if drive.lidar is None else np.array(drive.lidar.origin_m)
-    here, there = (_written(place) for place in (stated_m, stated_m + found.origin_m))
+    here, there = (place_text(place) for place in (stated_m, stated_m + found.origin_m))
     what = f"`origin_m: {there}` under `lidar:` states where the rays start"
     if found.is_at_limit:
         there = f"{FARTHEST_M:.0f} m away"
@@ -85,7 +87,10 @@ def check_origin(drive: Drive, clouds: Sequence[Points]) -> tuple[Finding, ...]:
 
 
 def check_viewpoint(drive: Drive) -> tuple[Finding, ...]:
-    """Check that PCD files, whose VIEWPOINT may be where the rays start or the pose of a moving LiDAR, state none."""
+    """Check that PCD files, whose VIEWPOINT may be where the rays start or the pose of a moving LiDAR, state none.
+
+    The first file of the drive is read, which has to be there.
+    """
     first = drive.resolve(drive.frames[0].points)
     if first.suffix.lower() != ".pcd" or (drive.lidar is not None and any(drive.lidar.origin_m)):
         return ()
@@ -93,8 +98,4 @@ def check_viewpoint(drive: Drive) -> tuple[Finding, ...]:
     place_m = np.array([0.0, 0.0, 0.0] if stated is None else stated[1].split(), float)
     if not np.isfinite(place_m).all() or not place_m.any():
         return ()
-    return (VIEWPOINT_UNUSED.finding(f"{first}: VIEWPOINT states {_written(place_m)}, which is not used"),)
-
-
-def _written(place_m: Vector) -> str:
-    return f"[{', '.join(f'{x + 0.0:.2f}' for x in place_m)}]"
+    return (VIEWPOINT_UNUSED.finding(f"{first}: VIEWPOINT states {place_text(place_m)}, which is not used"),)

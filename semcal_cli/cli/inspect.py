@@ -131,7 +131,7 @@ def _print_origin(drive: Drive) -> None:
     """Print where the rays start, as a line of drive.yaml, and how much smoother sweeps look from there."""
     import numpy as np
 
-    from semcal_cli.estimation.search.ray_origin import FARTHEST_M, find_ray_origin
+    from semcal_cli.estimation.search.ray_origin import FARTHEST_M, find_ray_origin, place_text
     from semcal_cli.observations.frame_selection import with_few_frames
     from semcal_cli.observations.reading import read_clouds
 
@@ -143,7 +143,7 @@ def _print_origin(drive: Drive) -> None:
             "the columns of the files are mixed up; state `origin_m` under `lidar:`, or `point_columns`"
         )
     stated_m = np.zeros(3) if drive.lidar is None else np.array(drive.lidar.origin_m)
-    click.echo(f"origin_m: [{', '.join(f'{x + 0.0:.2f}' for x in stated_m + found.origin_m)}]")
+    click.echo(f"origin_m: {place_text(stated_m + found.origin_m)}")
     jumps = f"seen from the place that is stated, ranges of neighbouring rays jump {found.ratio:.1f} times as much"
     clear = ", which does not speak against it" if not found.is_clear else ""
     click.echo(f"under `lidar:` in drive.yaml, good to some 20 cm; {jumps}{clear}", err=True)

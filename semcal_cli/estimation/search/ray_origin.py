@@ -86,6 +86,11 @@ def find_ray_origin(clouds: Sequence[Points], steps_m: Sequence[float] = STEPS_M
     return RayOrigin(origin_m, best, stated)
 
 
+def place_text(place_m: Vector) -> str:
+    """Write a place (3,), metres, as a list of drive.yaml."""
+    return f"[{', '.join(f'{x + 0.0:.2f}' for x in place_m)}]"
+
+
 def _thinned(points: Points) -> npt.NDArray[np.float64]:
     chosen = np.random.default_rng(0).permutation(len(points))[:MAX_POINTS]
     return points[chosen].astype(np.float64)
