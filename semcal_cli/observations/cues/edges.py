@@ -72,7 +72,10 @@ class EdgesConfig:
     """Standard deviation of the blur of the levels at full resolution, pixels. From 0.7 to 1.5 pixels the pose scatters
     alike; without a blur the information is too rough to bend steadily from pixel to pixel."""
     surroundings_deg: float = 6.0
-    """Standard deviation of the window over which the mean of the gradients is taken."""
+    """Standard deviation of the window over which the mean of the gradients is taken, along the scans, degrees."""
+    surroundings_across_deg: float = 1.5
+    """The same across the scans. Gradients become weaker from the horizon to the road, and steps rarer; a window as
+    high as wide leaves some of that, which pulls the pitch (docs/benchmarks_lidars.md)."""
 
 
 EDGES = EdgesConfig()
@@ -229,7 +232,7 @@ def gradients(
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
     of_colors = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1.0 / SOBEL_SUM)
     strength = np.sqrt(np.mean(np.square(of_colors), axis=2)) * is_inside
-    mean_around = surroundings(camera, config.surroundings_deg)
+    mean_around = surroundings(camera, config.surroundings_deg, config.surroundings_across_deg)
     weights = np.maximum(mean_around(is_inside), np.finfo(np.float32).tiny)
     beside = strength / (mean_around(strength) / weights + MIN_GRADIENT)
     return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px, sigmaY=across_px), np.float32), is_inside

@@ -134,16 +134,20 @@ def grey_values(drive: Drive, frame: Frame) -> Numbers:
     return cv2.cvtColor(read_needed_image(drive, frame), cv2.COLOR_BGR2GRAY).astype(np.float64)
 
 
-def surroundings(camera: Camera, sigma_deg: float) -> Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]:
-    """Make a function that blurs an image (H, W) with this standard deviation, degrees."""
-    sigma_px = np.radians(sigma_deg) * core_camera(camera).pixels_per_radian
+def surroundings(
+    camera: Camera, sigma_deg: float, across_deg: float | None = None
+) -> Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]:
+    """Make a function that blurs an image (H, W) with this standard deviation, degrees, and `across_deg` downwards."""
+    along_across = np.array([sigma_deg, across_deg or sigma_deg])
+    sigmas_px = np.radians(along_across) * core_camera(camera).pixels_per_radian
     # The surroundings vary slowly, so a small image is enough.
-    factor = max(1.0, sigma_px / BLOCKS_A_SIGMA)
-    size = max(1, round(camera.width / factor)), max(1, round(camera.height / factor))
+    factors = np.maximum(sigmas_px / BLOCKS_A_SIGMA, 1.0)
+    width, height = (max(1, round(size / factor)) for size, factor in zip(camera.size, factors, strict=True))
+    sigma_x, sigma_y = sigmas_px / factors
 
     def blur(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        small = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        smooth = cv2.GaussianBlur(small, (0, 0), sigma_px / factor)
+        small = cv2.resize(values.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+        smooth = cv2.GaussianBlur(small, (0, 0), sigma_x, sigmaY=sigma_y)
         return np.asarray(cv2.resize(smooth, camera.size), np.float32)
 
     return blur
