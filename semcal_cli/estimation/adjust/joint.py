@@ -260,8 +260,7 @@ def _notes(fit: Fit, asked: Variables, gain: core.InformationGain, is_kept: bool
         both = ["intrinsics"] * bool(fit.variables.intrinsics) + ["clocks"] * fit.variables.with_delay
         why = "the estimate differs from them only by chance"
         if fit.is_beyond_chance:
-            by = gain.gain / max(gain.sigma, 1e-12)
-            better, limit = format_against_limit(by, MIN_GAIN, 1)
+            better, limit = format_against_limit(gain.significance, MIN_GAIN, 1)
             why = (
                 f"held-out data agree only {better} standard errors better with the estimate, needed more than "
                 f"{limit}"
