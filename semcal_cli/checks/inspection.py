@@ -268,8 +268,8 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
 
 
 def _shared_classes(frames: Sequence[FrameReport]) -> tuple[str, ...]:
-    of_points, of_pixels = _class_names(frames)
-    return tuple(name for name in of_points or () if name in (of_pixels or ()))
+    point_names, pixel_names = _class_names(frames)
+    return tuple(name for name in point_names or () if name in (pixel_names or ()))
 
 
 def _class_names(frames: Sequence[FrameReport]) -> tuple[list[str] | None, list[str] | None]:
@@ -320,12 +320,12 @@ def _check_masks(drive: Drive) -> tuple[tuple[float, float] | None, list[str]]:
     if drive.camera.mask is None and frames.keys() == {None}:
         return None, []
     bare = drive.model_copy(update={"camera": drive.camera.model_copy(update={"mask": None})})
-    (of_lens,) = seen_pixels(bare, [drive.frames[0].model_copy(update={"mask": None})])
+    (lens_mask,) = seen_pixels(bare, [drive.frames[0].model_copy(update={"mask": None})])
     shares, errors = list[float](), dict[str, None]()
     for frame in frames.values():
         try:
             (seen,) = seen_pixels(drive, [frame])
-            shares.append(float(1.0 - seen.sum() / of_lens.sum()))
+            shares.append(float(1.0 - seen.sum() / lens_mask.sum()))
         except InputError as error:
             errors[str(error)] = None
     return None if errors else (min(shares), max(shares)), [*errors]

@@ -183,8 +183,8 @@ def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.InformationGain:
     before, part = newton(kept, T, problem.polish).T_camera_lidar, None
     if fit.variables.names:
         # The maximum of the kept data is near that of all.
-        of_kept = replace(problem, observations=kept, asked=fit.uncertain)
-        part = of_kept.finish(fit.T_camera_lidar, fit.variables, fit.changes)
+        kept_problem = replace(problem, observations=kept, asked=fit.uncertain)
+        part = kept_problem.finish(fit.T_camera_lidar, fit.variables, fit.changes)
     if part is None or part.variables != fit.variables:
         return core.held_out_gain(kept.core, held_out.core, before, before)
     adjusted = adjust_observations(held_out, part.variables, part.changes)
