@@ -23,6 +23,9 @@ const CLUSTERS_ACROSS: f64 = 8.0;
 /// Weight, in points, of pairs that do not occur in the other observations.
 const MIN_WEIGHT: f64 = 0.1;
 
+/// Smallest standard error that a gain is divided by, nats: parts that gain alike have none.
+const MIN_SIGMA: f64 = 1e-12;
+
 #[derive(Clone, Debug)]
 pub struct Agreement {
     /// Bilinear weights of the pairs that visible points form with the four pixels around them, over all frames.
@@ -124,6 +127,11 @@ impl InformationGain {
         let scatter: f64 = gains.iter().map(|gain| (gain - sum / count).powi(2)).sum();
         let sigma = if gains.len() < 2 { f64::INFINITY } else { (scatter * count / (count - 1.0)).sqrt() };
         Self { gain: sum, sigma }
+    }
+
+    /// The gain in standard errors; 0 if they are infinite.
+    pub fn significance(&self) -> f64 {
+        self.gain / self.sigma.max(MIN_SIGMA)
     }
 }
 
@@ -249,6 +257,16 @@ mod tests {
         joint.add(0, 0, first);
         joint.add(1, 1, second);
         joint
+    }
+
+    #[test]
+    fn a_gain_is_significant_by_its_standard_errors() {
+        // Parts of 1 and 3 scatter by 2 around their mean, summed and corrected for two.
+        let gain = InformationGain::of_parts(vec![1.0, 3.0]);
+        assert!((gain.significance() - 2.0).abs() < 1e-12);
+        assert_eq!(InformationGain::of_parts(vec![5.0]).significance(), 0.0);
+        assert!(InformationGain::of_parts(vec![1.0, 1.0]).significance() > 1e12);
+        assert_eq!(InformationGain::of_parts(vec![0.0, 0.0]).significance(), 0.0);
     }
 
     #[test]

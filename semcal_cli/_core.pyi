@@ -416,6 +416,8 @@ class InformationGain:
     """Gain in nats for classes, in adjusted mutual information (a share) for segments."""
     sigma: float
     """Standard error of the gain over parts of the images; infinite with fewer than two."""
+    significance: float
+    """Gain in standard errors; 0 if they are infinite."""
 
 @final
 class Ascended:

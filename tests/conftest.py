@@ -34,6 +34,7 @@ from semcal_cli.files.output_files import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.many.rig.sweep_registration import MIN_PAIRS
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations, read_clouds
@@ -284,8 +285,11 @@ def rejected_file(refined: CalibrationDocument, tmp_path: Path) -> Path:
 SMALL = SynthConfig(
     num_frames=3, seed=5, channels=32, columns=500, width=480, height=270, camera_roll_deg=0.0
 )
+SMALL_LIDARS = replace(SMALL, num_frames=MIN_PAIRS)
 NAMES = ("camera_0", "camera_1")
 """Cameras of the rig."""
+LIDAR = "lidar_1"
+"""The further LiDAR of a rig of two."""
 
 
 @pytest.fixture(scope="session")
@@ -302,6 +306,32 @@ def rig_results(rig: Path) -> tuple[Result, Path]:
     beside = rig.parents[1]
     options = ["-o", beside / "results", "--log", beside / "log.json", "--report", beside / "rig.html"]
     return invoke("calibrate", rig, *options), beside / "results"
+
+
+@pytest.fixture(scope="session")
+def lidars(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig of two cameras and two LiDARs, whose sweeps are to be registered; tests do not write to it."""
+    path = tmp_path_factory.mktemp("lidars") / "rig/rig.yaml"
+    synthesize_rig(SMALL_LIDARS, 2, path.parent, num_lidars=2)
+    document = yaml.safe_load(path.read_text())
+    document["lidars"][LIDAR]["register"] = True
+    path.write_text(path.read_text().splitlines()[0] + "\n" + yaml.safe_dump(document, sort_keys=False))
+    return path
+
+
+@pytest.fixture(scope="session")
+def lidar_results(lidars: Path) -> tuple[Result, Path]:
+    out = lidars.parents[1] / "results"
+    return invoke("calibrate", lidars, "-o", out, "--report", out.with_suffix(".html")), out
+
+
+@pytest.fixture(scope="session")
+def sure(lidar_results: tuple[Result, Path]) -> CalibrationDocument:
+    """A calibration, whatever it says, as if by many parts of the images."""
+    calibration = read_calibration(lidar_results[1] / f"{NAMES[0]}.yaml")
+    many = calibration.uncertainty.model_copy(update={"degrees_of_freedom": (1e4,) * 6})
+    sound = {"status": "trusted", "reasons": (), "topics": (), "uncertainty": many}
+    return calibration.model_copy(update=sound)
 
 
 @pytest.fixture(scope="session")

@@ -282,7 +282,7 @@ def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
     tape = Prior("tape", measured, (0.01, 0.01, 0.01, np.inf, np.inf, np.inf))
     of_clock = covariance_of_clock(load(at_speed(read_drive(street), 8.0), CONFIG), polished)
     sure = fuse_with_priors(street_observations, polished, [tape])
-    unsure = fuse_with_priors(street_observations, polished, [tape], of_motion=of_clock)
+    unsure = fuse_with_priors(street_observations, polished, [tape], motion_covariance=of_clock)
     assert [finding.topic for finding in check_priors(sure)] == ["prior"]
     assert check_priors(unsure) == ()
     assert unsure.twist_by_intrinsics is None

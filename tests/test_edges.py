@@ -19,8 +19,7 @@ from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.estimation.refine import higher_maxima, polish, several_starts
-from semcal_cli.estimation.refine.higher_maxima import ClimbConfig, climb
+from semcal_cli.estimation.refine.higher_maxima import climb
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
@@ -164,24 +163,29 @@ def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_t
     assert found.value >= finished.value - 1e-9
 
 
-def test_edges_on_weak_gradients_lead_a_search_by_information_away_and_not_one_by_contrast(
-    seen: Observations, street_truth: Pose
-) -> None:
-    elsewhere = make_pose((0.0, 0.05, 0.0), (0.0, 0.0, 0.0)) @ street_truth
+def with_painted_edges(seen: Observations, *painted: tuple[Pose, int]) -> Observations:
+    """Observe images of random levels, in which steps in range lie on a level where they are seen from each pose."""
     rng = np.random.default_rng(0)
     images = []
     for cloud, image in zip(seen.clouds, seen.images, strict=True):
         levels = rng.integers(2, 6, image.classes.shape, dtype=np.uint8)
         edges = cloud.points[(cloud.classes != NO_CLASS) & (cloud.classes > 3)]
-        # Steps in range lie on strong gradients from the right pose, and on far weaker ones from a wrong one.
-        for T_camera_lidar, level in ((street_truth, 6), (elsewhere, 0)):
+        for T_camera_lidar, level in painted:
             projected = core.project_points(core_camera(seen.camera), edges, T_camera_lidar)
             u, v = projected.pixels[np.isfinite(projected.ranges)].astype(int).T
             on_edges = np.zeros_like(levels)
             on_edges[v, u] = 1
             levels[cv2.dilate(on_edges, np.ones((3, 3))) > 0] = level
         images.append(LabelledImage(levels, core.ClassShares.certain(levels.ravel())))
-    painted = seen.with_images(images)
+    return seen.with_images(images)
+
+
+def test_edges_on_weak_gradients_lead_a_search_by_information_away_and_not_one_by_contrast(
+    seen: Observations, street_truth: Pose
+) -> None:
+    elsewhere = make_pose((0.0, 0.05, 0.0), (0.0, 0.0, 0.0)) @ street_truth
+    # Steps in range lie on strong gradients from the right pose, and on far weaker ones from a wrong one.
+    painted = with_painted_edges(seen, (street_truth, 6), (elsewhere, 0))
     assert information(painted, elsewhere) > information(painted, street_truth)
     start = make_pose((0.0, 0.02, 0.0), (0.05, 0.0, 0.05)) @ street_truth
     ends = [
@@ -314,64 +318,27 @@ def test_a_maximum_beside_the_result_is_a_rival(
 
 
 def test_a_higher_maximum_beside_is_found_where_scenes_are_enough(
-    seen: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
+    seen: Observations, street_truth: Pose
 ) -> None:
-    lower = make_pose((0.0, 0.005, 0.0), (0.0, 0.0, 0.0)) @ street_truth
-    num_climbs = list[int]()
+    lower = make_pose((0.0, np.radians(0.4), 0.0), (0.0, 0.0, 0.0)) @ street_truth
+    # The right pose is painted over the other one, and fits better.
+    painted = with_painted_edges(seen, (lower, 6), (street_truth, 6))
+    num_scenes = len(set(seen.scenes))
 
-    def ascend(near: Pose, beyond: Pose, *, polished_to: Pose | None = None, min_scenes: int = 1) -> Level:
-        """Ascend where the polish leads each pose to itself, or all to one, and the search to `beyond`."""
-
-        def polished(_: object, T_start: Pose, __: object) -> SimpleNamespace:
-            return SimpleNamespace(T_camera_lidar=T_start if polished_to is None else polished_to)
-
-        def climbed(*_: object, **__: object) -> Pose:
-            num_climbs.append(1)
-            return beyond
-
-        num_climbs.clear()
-        for module in (polish, higher_maxima):
-            monkeypatch.setattr(module, "newton", polished)
-        monkeypatch.setattr(several_starts, "climb", climbed)
+    def ascend(observations: Observations, T_start: Pose, min_scenes: int = num_scenes) -> Level:
         starts = replace(STARTS_ALONE, num_starts=(1,), min_scenes_beside=min_scenes)
-        level = SeveralStarts(seen, ExactConfig(steps=0), 0, starts).ascend(1, near, visible_only=True)
-        assert level.has_other_maxima == bool(num_climbs)
-        return level
+        several = SeveralStarts(observations, ExactConfig(steps=0), 0, starts)
+        return several.ascend(1, T_start, visible_only=True)
 
-    def is_same(level: Level, other: Pose) -> bool:
-        return compare_poses(level.T_camera_lidar, other).rotation_deg < 1e-6
-
-    assert is_same(ascend(lower, street_truth), street_truth)
-    assert num_climbs
-    assert is_same(ascend(street_truth, lower), street_truth)
-    assert is_same(ascend(lower, street_truth, min_scenes=100), lower)
-    assert is_same(ascend(lower, street_truth, polished_to=lower), lower)
-    assert not num_climbs
-    # The polish prefers a pose a little beside the maximum, from there as from around it.
-    preferred, farther = (make_pose((0.0, angle, 0.0), (0.0, 0.0, 0.0)) @ lower for angle in (0.0015, 0.02))
-    assert is_same(ascend(lower, street_truth, polished_to=preferred), lower)
-    assert not num_climbs
-    ascend(lower, street_truth, polished_to=farther)
-    assert num_climbs
-
-
-def test_searches_end_when_two_in_a_row_find_nothing_or_at_their_limit(
-    seen: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    nums_of_starts = list[int]()
-    ends = [make_pose((0.0, 0.01 * step, 0.0), (0.0, 0.0, 0.0)) @ street_truth for step in (1, 1, 2, 2, 2)]
-
-    def searched(_: object, __: object, num_starts: int, *___: object) -> Pose:
-        nums_of_starts.append(num_starts)
-        return ends[len(nums_of_starts) - 1]
-
-    monkeypatch.setattr(higher_maxima, "_search", searched)
-    climb(seen, street_truth, np.random.default_rng(0))
-    first = higher_maxima.NUM_STARTS
-    assert nums_of_starts == [first, first, 2 * first, first, 2 * first]
-    nums_of_starts.clear()
-    climb(seen, street_truth, np.random.default_rng(0), ClimbConfig(max_searches=3))
-    assert len(nums_of_starts) == 3
+    for start in (lower, street_truth):
+        found = ascend(painted, start)
+        assert found.has_other_maxima
+        assert compare_poses(found.T_camera_lidar, street_truth).is_within(0.1, 0.01)
+    few = ascend(painted, lower, num_scenes + 1)
+    assert not few.has_other_maxima
+    assert compare_poses(few.T_camera_lidar, lower).is_within(0.1, 0.01)
+    # That of the street itself is alone.
+    assert not ascend(seen, street_truth).has_other_maxima
 
 
 def test_the_search_around_a_pose_beside_finds_the_right_one(

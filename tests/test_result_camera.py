@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,10 @@ from semcal_cli.cli.tables import summary_lines
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.stated_motion import Motion
-from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import load
 from semcal_cli.report import read_report_input
+from semcal_cli.report.view.server import ViewServer
+from semcal_cli.report.view.session import Session
 from semcal_cli.report.words import camera_sentences, uncertainty_sentences
 from semcal_cli.result.applied import apply_result, as_begun
 from semcal_cli.result.calibration_document import CalibrationDocument, read_calibration, write_calibration
@@ -360,21 +360,24 @@ def test_intervals_include_what_is_not_known_of_an_estimated_K(record: Calibrati
     )
 
 
-def test_view_uses_it(wrong_drive: Path, file: Path, right: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(spec: Drive, config: object, T_start: Pose | None, *rest: object) -> None:
-        seen.append((spec.camera, T_start))
-        raise KeyError
+def test_view_shows_the_points_as_the_found_camera_sees_them(
+    wrong_drive: Path, file: Path, street: Path, right: Camera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def close(server: ViewServer) -> None:
+        server.server_close()
+        sessions.append(server.session)
 
-    seen: list[tuple[Camera, Pose | None]] = []
-    invoke("view", "--help")  # imports it
-    monkeypatch.setattr(sys.modules["semcal_cli.cli.view"], "_session", stop)
-    found = invoke("view", wrong_drive, file)
-    assert isinstance(found.exception, KeyError)
-    assert unwrapped_errors(found).startswith(said(right, file))
+    sessions = list[Session]()
+    monkeypatch.setattr(ViewServer, "answer_until_ended", close)
+    assert unwrapped_errors(invoke("view", wrong_drive, file)).startswith(said(right, file))
+    invoke("view", street, file)
     invoke("view", wrong_drive)
-    (camera, T_start), (own, nothing) = seen
-    np.testing.assert_array_equal(T_start, read_calibration(file).pose)
-    assert (camera, own, nothing) == (right, spoiled(right), None)
+    starts = [session.page["start"] for session in sessions]
+    assert starts == [read_calibration(file).pose.tolist()] * 2 + [None]
+    request = {"base": starts[0], "offsets": [0.0] * 6, "frame": 0}
+    shown, as_right, as_wrong = (session.points(request) for session in sessions)
+    assert shown == as_right
+    assert shown["points"] != as_wrong["points"]
 
 
 def test_a_rig_is_shown_with_the_cameras_that_were_found(

@@ -35,6 +35,7 @@ pub(super) struct PyAgreement {
 pub(super) struct PyInformationGain {
     gain: f64,
     sigma: f64,
+    significance: f64,
 }
 
 #[pymethods]
@@ -48,7 +49,7 @@ impl PyInformationGain {
 
 impl From<InformationGain> for PyInformationGain {
     fn from(gain: InformationGain) -> Self {
-        Self { gain: gain.gain, sigma: gain.sigma }
+        Self { gain: gain.gain, sigma: gain.sigma, significance: gain.significance() }
     }
 }
 

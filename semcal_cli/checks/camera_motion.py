@@ -66,16 +66,16 @@ def check_camera_motion(
     return CAMERA_MOTION.measured(sigmas, sentence)
 
 
-def standard_errors(by_motion: HandEye, T_camera_lidar: Pose, of_pose: Matrix | None = None) -> float:
+def standard_errors(by_motion: HandEye, T_camera_lidar: Pose, pose_covariance: Matrix | None = None) -> float:
     """Measure how far a rotation by motion is from that of a pose (4, 4), in standard errors of both.
 
     Args:
         by_motion: The rotation by motion.
         T_camera_lidar: (4, 4), metres.
-        of_pose: (6, 6) covariance of the pose; None if it is unknown, as if the pose were exact.
+        pose_covariance: (6, 6) covariance of the pose; None if it is unknown, as if the pose were exact.
     """
     off = rotation_difference(T_camera_lidar, by_motion.T_camera_lidar)
     covariance = by_motion.covariance[:3, :3] + SYSTEMATIC_SIGMA**2 * np.eye(3)
-    if of_pose is not None:
-        covariance = covariance + of_pose[3:, 3:]
+    if pose_covariance is not None:
+        covariance = covariance + pose_covariance[3:, 3:]
     return math.sqrt(off @ np.linalg.solve(covariance, off))

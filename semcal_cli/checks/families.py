@@ -56,11 +56,11 @@ def check_data(
     Returns:
         Findings, and notes that do not speak against a pose.
     """
-    of_shutter, notes = check_shutter(drive, observations, is_compensated=is_compensated)
-    of_motion = check_motion(observations.motion_error_px)
+    shutter_findings, notes = check_shutter(drive, observations, is_compensated=is_compensated)
+    motion_findings = check_motion(observations.motion_error_px)
     num_scenes, num_frames = len(set(observations.scenes)), observations.num_frames
     unstated = check_unstated(drive, num_scenes, num_frames, have_times=observations.have_times)
-    return (*of_motion, *of_shutter, *unstated), notes
+    return (*motion_findings, *shutter_findings, *unstated), notes
 
 
 def check_recording(

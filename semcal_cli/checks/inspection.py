@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from semcal_cli.checks.identical_files import find_identical_files
 from semcal_cli.checks.image_sizes import check_image_sizes
 from semcal_cli.checks.implausible_intrinsics import implausible_intrinsics
 from semcal_cli.checks.mirrored_clouds import check_mirroring
-from semcal_cli.checks.motion_report import report_motion
+from semcal_cli.checks.motion_report import MotionReport, report_motion
 from semcal_cli.checks.motion_unstated import check_unstated
 from semcal_cli.checks.narrow_view import check_view
 from semcal_cli.checks.scale import check_range, check_scale, judge_scale
@@ -109,6 +110,28 @@ class DriveReport:
     """Values of 16-bit images that are shown as black and as white; None without such images."""
 
 
+class _Probe(NamedTuple):
+    """A few frames of a drive, on which checks that take long are run."""
+
+    drive: Drive
+    """The drive with these frames only."""
+    clouds: list[SweepCloud]
+    points: list[Points]
+    """(N, 3) points of each frame from where the rays start, metres."""
+    observations: Observations | None
+    """Points and pixels with labels; None if they cannot be read or carry no information."""
+
+    @property
+    def median_range_m(self) -> float:
+        """Range within which half of the points lie, metres."""
+        return float(np.median(np.linalg.norm(np.concatenate(self.points), axis=1)))
+
+    @property
+    def have_times(self) -> bool:
+        """Whether points of a sweep have different times."""
+        return any(cloud.time is not None and np.ptp(cloud.time) > 0.0 for cloud in self.clouds)
+
+
 def inspect(drive: Drive) -> DriveReport:
     """Inspect a drive, frame by frame, with labels or without.
 
@@ -119,66 +142,73 @@ def inspect(drive: Drive) -> DriveReport:
     readable = [index for index, frame in enumerate(frames) if frame.num_points]
     if not readable:
         raise InputError(frames[0].suspicions[0])
-    labelled = [
-        index for index in readable if None not in (frames[index].point_classes, frames[index].image_classes)
-    ]
-    probed = with_frames(drive, evenly_spaced(readable, NUM_PROBED))
-    clouds = read_clouds(probed)
-    points = [drive.rays(cloud.points) for cloud in clouds]
-    few = _loaded(probed)
-    hidden_shares, mask_errors = _check_masks(drive)
-    motion = report_motion(drive)
     num_scenes = len(set(alike_frames([ranges[index] for index in readable])))
-    median_range_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
-    elevations, azimuths = _field_of_points(points)
+    probe, motion = _probe(drive, readable), report_motion(drive)
+    elevations, azimuths = _field_of_points(probe.points)
     field_of_view = _field_of_view(drive)
-    point_names = _names(frame.point_classes for frame in frames)
-    pixel_names = _names(frame.image_classes for frame in frames)
+    hidden_shares, mask_errors = _check_masks(drive)
     return DriveReport(
         drive=str(drive.path),
         frames=frames,
-        pattern=_pattern(drive, points),
+        pattern=_pattern(drive, probe.points),
         elevations_deg=elevations,
         azimuths_deg=azimuths,
         field_of_view_deg=field_of_view,
-        shared_classes=tuple(name for name in point_names or () if name in (pixel_names or ())),
-        median_range_m=median_range_m,
+        shared_classes=_shared_classes(frames),
+        median_range_m=probe.median_range_m,
         span_s=motion.span_s,
         speeds_m_s=motion.speeds_m_s,
         fastest_turn_deg_s=motion.fastest_turn_deg_s,
         suspicions=(
-            *_sentences(implausible_intrinsics(drive.camera).values()),
-            *_sentences(check_view(field_of_view).findings),
-            *check_image_sizes(drive),
-            *mask_errors,
-            *_check_scale(median_range_m, few),
-            *_sentences(check_class_names(point_names, pixel_names)),
-            *motion.suspicions,
-            *_check_times(probed, clouds),
-            *_sentences(check_origin(drive, points)),
-            *_sentences(check_readout(drive, points)),
-            *_sentences(() if few is None else check_mirroring(few)),
-            *_sentences(_check_labels(with_frames(drive, evenly_spaced(labelled, MAX_FRAMES)))),
-            *_sentences(find_identical_files(drive)),
+            *_suspicions_of_camera(drive, field_of_view, mask_errors),
+            *_suspicions_of_frames(drive, frames, probe, motion),
         ),
         networks=() if drive.networks is None else tuple(drive.networks.describe()),
         advice=(
             *_sentences(check_frame_count(len(readable), num_scenes, field_of_view[0])),
-            *_sentences(
-                check_unstated(
-                    drive,
-                    num_scenes,
-                    len(readable),
-                    have_times=any(cloud.time is not None and np.ptp(cloud.time) > 0.0 for cloud in clouds),
-                )
-            ),
+            *_sentences(check_unstated(drive, num_scenes, len(readable), have_times=probe.have_times)),
             *motion.advice,
-            *_sentences(check_viewpoint(probed)),
-            *_sentences(check_seam(drive, clouds)),
+            *_sentences(check_viewpoint(probe.drive)),
+            *_sentences(check_seam(drive, probe.clouds)),
         ),
         hidden_shares=hidden_shares,
         image_levels=drive.image_levels,
     )
+
+
+def _probe(drive: Drive, readable: Sequence[int]) -> _Probe:
+    """Read a few of the frames that can be read."""
+    probed = with_frames(drive, evenly_spaced(readable, NUM_PROBED))
+    clouds = read_clouds(probed)
+    return _Probe(probed, clouds, [drive.rays(cloud.points) for cloud in clouds], _loaded(probed))
+
+
+def _suspicions_of_camera(
+    drive: Drive, field_of_view_deg: tuple[float, float], mask_errors: Sequence[str]
+) -> list[str]:
+    return [
+        *_sentences(implausible_intrinsics(drive.camera).values()),
+        *_sentences(check_view(field_of_view_deg).findings),
+        *check_image_sizes(drive),
+        *mask_errors,
+    ]
+
+
+def _suspicions_of_frames(
+    drive: Drive, frames: Sequence[FrameReport], probe: _Probe, motion: MotionReport
+) -> list[str]:
+    observations = probe.observations
+    return [
+        *_check_scale(probe.median_range_m, observations),
+        *_sentences(check_class_names(*_class_names(frames))),
+        *motion.suspicions,
+        *_check_times(probe.drive, probe.clouds),
+        *_sentences(check_origin(drive, probe.points)),
+        *_sentences(check_readout(drive, probe.points)),
+        *_sentences(() if observations is None else check_mirroring(observations)),
+        *_sentences(_check_labels(drive, frames)),
+        *_sentences(find_identical_files(drive)),
+    ]
 
 
 def _sentences(findings: Iterable[Finding]) -> list[str]:
@@ -237,8 +267,17 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
     return report, ranges
 
 
+def _shared_classes(frames: Sequence[FrameReport]) -> tuple[str, ...]:
+    point_names, pixel_names = _class_names(frames)
+    return tuple(name for name in point_names or () if name in (pixel_names or ()))
+
+
+def _class_names(frames: Sequence[FrameReport]) -> tuple[list[str] | None, list[str] | None]:
+    """List the class names of the points and those of the pixels over all frames; None without labels."""
+    return _names(frame.point_classes for frame in frames), _names(frame.image_classes for frame in frames)
+
+
 def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:
-    """List the class names of points or of pixels over all frames; None without labels."""
     known = [names for names in counts if names is not None]
     return list(dict.fromkeys(chain.from_iterable(known))) if known else None
 
@@ -281,12 +320,12 @@ def _check_masks(drive: Drive) -> tuple[tuple[float, float] | None, list[str]]:
     if drive.camera.mask is None and frames.keys() == {None}:
         return None, []
     bare = drive.model_copy(update={"camera": drive.camera.model_copy(update={"mask": None})})
-    (of_lens,) = seen_pixels(bare, [drive.frames[0].model_copy(update={"mask": None})])
+    (lens_mask,) = seen_pixels(bare, [drive.frames[0].model_copy(update={"mask": None})])
     shares, errors = list[float](), dict[str, None]()
     for frame in frames.values():
         try:
             (seen,) = seen_pixels(drive, [frame])
-            shares.append(float(1.0 - seen.sum() / of_lens.sum()))
+            shares.append(float(1.0 - seen.sum() / lens_mask.sum()))
         except InputError as error:
             errors[str(error)] = None
     return None if errors else (min(shares), max(shares)), [*errors]
@@ -310,7 +349,13 @@ def _check_times(drive: Drive, clouds: Sequence[SweepCloud]) -> list[str]:
         return [str(error)]
 
 
-def _check_labels(labelled: Drive) -> tuple[Finding, ...]:
+def _check_labels(drive: Drive, frames: Sequence[FrameReport]) -> tuple[Finding, ...]:
+    indices = [
+        index
+        for index, frame in enumerate(frames)
+        if frame.num_points and None not in (frame.point_classes, frame.image_classes)
+    ]
+    labelled = with_frames(drive, evenly_spaced(indices, MAX_FRAMES))
     observations = _loaded(labelled) if labelled.frames else None
     if observations is None:
         return ()

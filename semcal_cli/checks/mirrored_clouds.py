@@ -67,8 +67,7 @@ def check_mirrored_edges(observations: Observations, T_camera_lidar: Pose, T_sta
     if refined is None:
         return []
     own = information_by_squares(observations, T_camera_lidar)
-    gain = paired_gain(own, information_by_squares(mirrored, refined.T_camera_lidar))
-    better = gain.gain / max(gain.sigma, 1e-12)
+    better = paired_gain(own, information_by_squares(mirrored, refined.T_camera_lidar)).significance
     sentence = (
         f"clouds or images seem mirrored, since near the start, points with y negated fit {better:.1f} standard errors "
         f"better than at the pose (limit {MIRRORED_CLOUDS.limit('edges'):g}): negate y of the points, or flip the "

@@ -82,7 +82,7 @@ def check_classes(observations: Observations, T_camera_lidar: Pose) -> list[Meas
 
 
 def _check_side(name: str, classes: Sequence[npt.NDArray[np.uint8]]) -> Measured:
-    counts = np.sum([np.bincount(of_frame, minlength=NO_CLASS + 1) for of_frame in classes], axis=0)
+    counts = np.sum([np.bincount(frame_classes, minlength=NO_CLASS + 1) for frame_classes in classes], axis=0)
     counts = counts[:NO_CLASS]
     if not counts.any():
         return NOTHING_LABELLED.without_value(f"none of the {name} are labelled")

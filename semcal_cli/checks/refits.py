@@ -49,5 +49,5 @@ def check_other_models(
     measured = check_focal_length(own, {key: fits[key] for key in zoomed if key in fits})
     if estimated_s is None:
         return measured
-    of_late = {key: (late[key], fits[key]) for key in late if key in fits}
-    return [*measured, *check_clocks(observations, own, of_late, estimated_s)]
+    late_fits = {key: (late[key], fits[key]) for key in late if key in fits}
+    return [*measured, *check_clocks(observations, own, late_fits, estimated_s)]

@@ -135,8 +135,12 @@ def check_scale(observations: Observations) -> list[str]:
         for kind, names in NAMES.items()
     }
     measured = [heights for cloud in clouds if (heights := _measure(cloud, classes)) is not None]
-    of_kinds = {kind: [height for _, heights in measured for height in heights[kind]] for kind in HEIGHTS_M}
-    heights_m = {kind: np.array(values) for kind, values in of_kinds.items() if len(values) >= MIN_THINGS}
+    heights_by_kind = {
+        kind: [height for _, heights in measured for height in heights[kind]] for kind in HEIGHTS_M
+    }
+    heights_m = {
+        kind: np.array(values) for kind, values in heights_by_kind.items() if len(values) >= MIN_THINGS
+    }
     median_m = float(np.median(np.concatenate([np.linalg.norm(cloud.points, axis=1) for cloud in clouds])))
     return judge_scale(median_m, [sensor_m for sensor_m, _ in measured], heights_m)
 
@@ -232,9 +236,9 @@ def _heights(points: Vectors, ground: Vectors, sensor_m: float) -> Iterator[floa
     occupied = np.zeros(cells.max(axis=0) + 1, np.uint8)
     occupied[tuple(cells.T)] = 1
     num_clusters, clusters = cv2.connectedComponents(occupied, connectivity=8)
-    of_point = clusters[tuple(cells.T)]
+    cluster_of_point = clusters[tuple(cells.T)]
     for index in range(1, num_clusters):  # 0 is what is not occupied.
-        thing = points[of_point == index]
+        thing = points[cluster_of_point == index]
         if len(thing) >= MIN_POINTS and (height := _height(thing, ground, sensor_m)) is not None:
             yield height
 

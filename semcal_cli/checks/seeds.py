@@ -41,7 +41,7 @@ def compare_seeds(
     T_camera_lidar: Pose,
     others: Sequence[Pose | None],
     uncertainty: Uncertainty | None,
-    of_motion: Matrix | None = None,
+    motion_covariance: Matrix | None = None,
 ) -> tuple[Repeatability, tuple[Finding, ...]]:
     """Compare a pose with those that other seeds give.
 
@@ -49,7 +49,8 @@ def compare_seeds(
         T_camera_lidar: (4, 4) answer, metres.
         others: (4, 4) pose of each other seed; None for a seed that gave no answer.
         uncertainty: Uncertainty of the answer; None if it is unknown.
-        of_motion: (6, 6) part of its covariance by the clock and the motion that the drive states; None without any.
+        motion_covariance: (6, 6) part of its covariance by the clock and the motion that the drive states; None without
+            any.
 
     Returns:
         The spread of the poses, and findings against the answer.
@@ -73,7 +74,7 @@ def compare_seeds(
     if uncertainty is not None:
         # Errors of K, of the clock and of the motion move all seeds alike.
         squared = np.square(uncertainty.half_widths) - np.square(uncertainty.half_widths_of_intrinsics)
-        squared -= 0.0 if of_motion is None else np.square(normal_half_widths(of_motion))
+        squared -= 0.0 if motion_covariance is None else np.square(normal_half_widths(motion_covariance))
         limits = np.sqrt(np.maximum(squared, 0.0)) + ROUNDING
         if num_beyond := int((np.abs(differences) > limits).any(axis=1).sum()):
             sentence = (

@@ -232,9 +232,9 @@ def _look(
     with thread_pool() as pool:
         steps = dict(zip(indices, pool.map(steps_of, indices), strict=True))
     sums = {
-        index: of_image.reshape(ROWS * COLUMNS, -1)
-        for index, of_image in steps.items()
-        if of_image is not None
+        index: image_steps.reshape(ROWS * COLUMNS, -1)
+        for index, image_steps in steps.items()
+        if image_steps is not None
     }
     if not sums:
         return None

@@ -63,8 +63,7 @@ def check_shifted_pairing(observations: Observations, T_camera_lidar: Pose) -> l
             own = observations.of_frames(frames)
             exchanged = own.with_images([images[later[frame]] for frame in frames])
             by_squares = [information_by_squares(seen, T_camera_lidar) for seen in (own, exchanged)]
-            gain = paired_gain(*by_squares)
-            gains[shift] = gain.gain / max(gain.sigma, 1e-12)
+            gains[shift] = paired_gain(*by_squares).significance
     if not gains:
         return []
     shift = max(gains, key=lambda shift: gains[shift])

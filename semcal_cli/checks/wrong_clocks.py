@@ -78,8 +78,7 @@ def check_clocks(
     before, sigmas = information_by_squares(observations, own.T_camera_lidar), {}
     for delay_s, (late, fit) in others.items():
         after = information_by_squares(late, fit.T_camera_lidar)
-        gain = paired_gain(before, after)
-        sigmas[delay_s] = gain.gain / max(gain.sigma, 1e-12)
+        sigmas[delay_s] = paired_gain(before, after).significance
     best_s = max(sigmas, key=lambda delay_s: sigmas[delay_s])
     better = f"points and images agree {sigmas[best_s]:.1f} standard errors better"
     side = "later" if best_s > 0.0 else "earlier"

@@ -95,11 +95,11 @@ def check_intrinsics(estimate: IntrinsicsEstimate | None, camera: Camera) -> Tes
 
 def _compare(estimate: IntrinsicsEstimate) -> Measured:
     limit, deviations = WRONG_INTRINSICS.limit(), estimate.deviations
-    words, of_lens = list[str](), ""
+    words, lens_names = list[str](), ""
     for index in np.argsort(-deviations):
         if deviations[index] > limit:
             name = [*estimate.given][index]
-            of_lens += "" if name in K_ENTRIES else f",{name}"
+            lens_names += "" if name in K_ENTRIES else f",{name}"
             given, half = estimate.given[name], figure(NORMAL_95 * float(estimate.sigmas[index]))
             digits = len(half.partition(".")[2])
             away, _ = format_against_limit(float(deviations[index]), limit, 1)
@@ -112,7 +112,7 @@ def _compare(estimate: IntrinsicsEstimate) -> Measured:
     if measured.finding is None:
         return measured
     # An estimate without what is accused would leave the same doubt.
-    advised = measured.finding._replace(advice=f"{measured.finding.advice}{of_lens}")
+    advised = measured.finding._replace(advice=f"{measured.finding.advice}{lens_names}")
     return measured._replace(finding=advised)
 
 

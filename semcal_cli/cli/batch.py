@@ -127,12 +127,12 @@ def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
     from semcal_cli.pipeline.verdict import together
 
     verdicts: dict[int, Verdict] = {code: verdict for verdict, code in EXIT_CODES.items()}
-    of_drives = [verdicts.get(run.exit_code, "fail") for run in outcomes]
+    drive_verdicts = [verdicts.get(run.exit_code, "fail") for run in outcomes]
     cases = [
         Case(run.drive, verdict, "; ".join([run.status, *run.reasons[:1]]))
-        for run, verdict in zip(outcomes, of_drives, strict=True)
+        for run, verdict in zip(outcomes, drive_verdicts, strict=True)
     ]
-    return CiReport(f"batch {settings.command}", str(settings.output), together(of_drives), cases)
+    return CiReport(f"batch {settings.command}", str(settings.output), together(drive_verdicts), cases)
 
 
 def _make_tasks(settings: BatchSettings) -> list[Task]:

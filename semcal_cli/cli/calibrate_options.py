@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 DEFAULT_OUTPUT = Path("calibration.yaml")
 BEYOND_LABELS = ("--cue segments", "--cue edges", "--cue intensity", "--cue features")
-of_paper = partial(setting_of, help="{} Only with --method paper.", is_open=True)
+paper_setting = partial(setting_of, help="{} Only with --method paper.", is_open=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,13 +52,13 @@ class PaperSettings:
             )
         ).requires("--method paper"),
     ]
-    steps_per_level: int | None = of_paper(MineConfig, "steps_per_level")
-    warm_up_steps: int | None = of_paper(MineConfig, "warm_up_steps")
-    batch_size: int | None = of_paper(MineConfig, "batch_size")
-    num_hidden: int | None = of_paper(MineConfig, "num_hidden")
-    learning_rate_theta: float | None = of_paper(MineConfig, "learning_rate_theta")
-    learning_rate_pose: float | None = of_paper(MineConfig, "learning_rate_pose")
-    max_final_drift: float | None = of_paper(PyramidConfig, "max_final_drift")
+    steps_per_level: int | None = paper_setting(MineConfig, "steps_per_level")
+    warm_up_steps: int | None = paper_setting(MineConfig, "warm_up_steps")
+    batch_size: int | None = paper_setting(MineConfig, "batch_size")
+    num_hidden: int | None = paper_setting(MineConfig, "num_hidden")
+    learning_rate_theta: float | None = paper_setting(MineConfig, "learning_rate_theta")
+    learning_rate_pose: float | None = paper_setting(MineConfig, "learning_rate_pose")
+    max_final_drift: float | None = paper_setting(PyramidConfig, "max_final_drift")
 
 
 @dataclass(frozen=True, kw_only=True)

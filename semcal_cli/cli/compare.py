@@ -74,8 +74,8 @@ def compare(settings: CompareSettings) -> None:
     comparisons = [compare_transforms(a, other) for other in others]
     checks = [_checks(comparison, settings) for comparison in comparisons]
     files = [
-        ComparedFile(str(path), comparison.error, together(check.verdict for check in of_file))
-        for path, comparison, of_file in zip(paths, comparisons, checks, strict=True)
+        ComparedFile(str(path), comparison.error, together(check.verdict for check in file_checks))
+        for path, comparison, file_checks in zip(paths, comparisons, checks, strict=True)
     ]
     _write_files(settings, files, comparisons)
     if settings.others:
@@ -173,11 +173,11 @@ def _checks(comparison: Comparison, settings: CompareSettings) -> list[AxisVerdi
     error = comparison.error
     angle, most_deg = error.rotation_deg, settings.max_rotation_deg
     distance, most_cm = error.camera_center_cm, 100.0 * settings.max_translation_m
-    of_rotation = comparison.verdict(angle, most_deg, "deg")
-    of_center = comparison.verdict(distance, most_cm, "cm")
+    rotation_verdict = comparison.verdict(angle, most_deg, "deg")
+    center_verdict = comparison.verdict(distance, most_cm, "cm")
     return [
-        AxisVerdict("rotation", "deg", angle, comparison.half_width("deg"), most_deg, of_rotation),
-        AxisVerdict("camera centre", "cm", distance, comparison.half_width("cm"), most_cm, of_center),
+        AxisVerdict("rotation", "deg", angle, comparison.half_width("deg"), most_deg, rotation_verdict),
+        AxisVerdict("camera centre", "cm", distance, comparison.half_width("cm"), most_cm, center_verdict),
     ]
 
 

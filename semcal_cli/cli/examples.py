@@ -60,5 +60,5 @@ def examples_of(command_path: str) -> tuple[str, ...]:
     """List the examples of a command, by its path such as `semcal import bag`."""
     program, _, name = command_path.partition(" ")
     group, _, data_set = name.partition(" ")
-    of_data_set = (f"import {data_set} ROOT -o my_drive",) if group == "import" and data_set else ()
-    return tuple(f"{program} {example}" for example in EXAMPLES.get(name, of_data_set))
+    data_set_examples = (f"import {data_set} ROOT -o my_drive",) if group == "import" and data_set else ()
+    return tuple(f"{program} {example}" for example in EXAMPLES.get(name, data_set_examples))

@@ -225,13 +225,13 @@ def colmap(settings: ColmapSettings) -> None:
     cameras = {
         name: RigCamera(record.pose, drives[name].camera) for name, record in result.first_cameras.items()
     }
-    of_views = {name: camera for name, (camera, _) in result.further_views.items()}
-    lenses = {of_views.get(name, name): drive.camera for name, drive in drives.items()}
+    camera_names = {name: camera for name, (camera, _) in result.further_views.items()}
+    lenses = {camera_names.get(name, name): drive.camera for name, drive in drives.items()}
     cameras |= {name: RigCamera(pair.T_a_b, lenses[name]) for name, pair in result.own_cameras.items()}
     notes = [
         f"{name}: left out, {error}"
         for name, error in result.failures.items()
-        if of_views.get(name, name) not in cameras
+        if camera_names.get(name, name) not in cameras
     ]
     if not cameras:
         raise InputError(f"{settings.results}: found no camera with a transform; {notes[0]}")

@@ -205,8 +205,8 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
     low, high = report.elevations_deg
     across, down = report.field_of_view_deg
     num_points = sum(frame.num_points for frame in report.frames)
-    of_points = _together(frame.point_classes for frame in report.frames)
-    of_pixels = _together(frame.image_classes for frame in report.frames)
+    point_classes = _together(frame.point_classes for frame in report.frames)
+    pixel_classes = _together(frame.image_classes for frame in report.frames)
     return [
         ("drive", f"{counted(len(report.frames), 'frame')}, {counted(num_points, 'point')}"),
         (
@@ -221,8 +221,8 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
         ),
         *([] if report.hidden_shares is None else [("mask", _hidden(*report.hidden_shares))]),
         *([] if report.image_levels is None else [("images", _levels(*report.image_levels))]),
-        *([] if of_points is None else [("points", _commonest(of_points))]),
-        *([] if of_pixels is None else [("pixels", _commonest(of_pixels))]),
+        *([] if point_classes is None else [("points", _commonest(point_classes))]),
+        *([] if pixel_classes is None else [("pixels", _commonest(pixel_classes))]),
         *(("network", line) for line in report.networks),
         *([("both sides", ", ".join(report.shared_classes))] if report.shared_classes else []),
     ]

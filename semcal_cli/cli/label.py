@@ -256,17 +256,17 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
     drive = read_drive(path, settings.max_points)
     num_frames = len(drive.frames)
     indices = evenly_spaced(range(num_frames), settings.max_frames or num_frames)
-    of_points, of_images = _point_sides(settings), _image_sides(drive, settings, terminal)
+    point_sides, image_sides = _point_sides(settings), _image_sides(drive, settings, terminal)
     if settings.output is None:
         return
     start, path = perf_counter(), output_drive_file(settings.output)
     run = partial(label_drive, drive, indices=indices, on_event=terminal.on_event)
-    first = [*of_images[:1], *of_points]
+    first = [*image_sides[:1], *point_sides]
     done = run(first, path, overwrite=first if settings.force else ())
     failures = dict.fromkeys(done.failures)
-    for side in of_images[1:]:
+    for side in image_sides[1:]:
         # The sweeps have their labels already.
-        second = run([side, *of_points], second_file(path), overwrite=[side] if settings.force else ())
+        second = run([side, *point_sides], second_file(path), overwrite=[side] if settings.force else ())
         failures |= dict.fromkeys(second.failures)
         terminal.print(record_second_labels(path, second.path).sentence)
     reused = f", {done.num_before:,} label files reused" if done.num_before else ""

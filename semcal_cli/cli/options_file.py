@@ -35,9 +35,9 @@ def read_options(path: Path, command: click.Command, takes_file: Callable[[str],
     others = (key for key in document if key != command.name)
     if unknown := next((key for key in others if not takes_file(str(key))), None):
         raise InputError(f"{path}: found {unknown!r}, expected a command that has --config")
-    of_command = document.get(str(command.name)) or {}
-    if not isinstance(of_command, dict):
-        raise InputError(f"{path}: {command.name}: {mismatch(repr(of_command), 'a mapping of options')}")
+    command_options = document.get(str(command.name)) or {}
+    if not isinstance(command_options, dict):
+        raise InputError(f"{path}: {command.name}: {mismatch(repr(command_options), 'a mapping of options')}")
     options = {
         name.lstrip("-"): option
         for option in command.params
@@ -48,7 +48,7 @@ def read_options(path: Path, command: click.Command, takes_file: Callable[[str],
         and name != "--config"
     }
     values = {}
-    for key, value in of_command.items():
+    for key, value in command_options.items():
         where = f"{path}: {command.name}.{key}"
         if (option := options.get(str(key))) is None:
             raise InputError(f"{where}: `semcal {command.name}` takes no such option from a file")

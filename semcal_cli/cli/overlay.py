@@ -141,11 +141,11 @@ def _few(drive: Drive, settings: OverlaySettings, folder: Path | None, read: lis
 
 
 def _observe(
-    drive: Drive, settings: OverlaySettings, cues: tuple[CueName, ...], of_classes: Coloring
+    drive: Drive, settings: OverlaySettings, cues: tuple[CueName, ...], class_coloring: Coloring
 ) -> tuple[Coloring, Observations]:
     """Load what the colours show of the frames of a drive, and return their meaning.
 
-    By default, that is edges if a pose is refined by them, and otherwise `of_classes`.
+    By default, that is edges if a pose is refined by them, and otherwise `class_coloring`.
     """
     from semcal_cli.files.point_clouds import SweepCache
     from semcal_cli.observations.cues.cue_table import choose_cues, load_cues, policy_of
@@ -162,4 +162,4 @@ def _observe(
     # Pixels of one cue share no information with points of another: the first one is shown.
     shown = policy_of(LABELS if is_of_labels else choose_cues(cues, drive, sweeps)).refined[:1]
     observations = load_cues(drive, shown, sweeps, is_raw=True)
-    return by or ("edge" if coloring_of(observations) == "edge" else of_classes), observations
+    return by or ("edge" if coloring_of(observations) == "edge" else class_coloring), observations

@@ -23,10 +23,10 @@ def cases_of(verification: Verification | RigVerification) -> list[Case]:
     Where no check is judged, CI counts the transform as a whole.
     """
     if isinstance(verification, RigVerification):
-        of_transforms = verification.verifications.items()
+        verifications = verification.verifications.items()
         cases = [
             replace(case, name=f"{name}: {case.name}")
-            for name, found in of_transforms
+            for name, found in verifications
             for case in cases_of(found)
         ]
         return [*cases, *(Case(name, "failed", reason) for name, reason in verification.failures.items())]

@@ -124,9 +124,9 @@ def settings_of(config: type, *, with_others: bool = False) -> dict[str, Setting
         if KEY in config_field.metadata or with_others:
             kind = hints[config_field.name]
             is_optional = get_origin(kind) is not Literal and NoneType in get_args(kind)
-            of_field = config_field.metadata.get(KEY, Setting())
+            setting = config_field.metadata.get(KEY, Setting())
             kind = get_args(kind)[0] if is_optional else kind
-            settings[config_field.name] = replace(of_field, kind=kind, is_optional=is_optional)
+            settings[config_field.name] = replace(setting, kind=kind, is_optional=is_optional)
     return settings
 
 
@@ -136,11 +136,11 @@ def check_settings(config: Any) -> None:
     Raises:
         InputError: a value has the wrong type, is not one of the allowed words, or is out of range.
     """
-    of_config: type = type(config)
-    for name, of_field in settings_of(of_config, with_others=True).items():
+    config_type: type = type(config)
+    for name, setting in settings_of(config_type, with_others=True).items():
         value = getattr(config, name)
-        if not of_field.allows(value):
+        if not setting.allows(value):
             description = type(value).__name__ if is_dataclass(value) else repr(value)
-            raise InputError(f"{name}: found {description}, expected {of_field.needed(value)}")
+            raise InputError(f"{name}: found {description}, expected {setting.needed(value)}")
         if is_dataclass(value):
             check_settings(value)

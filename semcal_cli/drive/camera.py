@@ -334,8 +334,8 @@ def core_name(camera: Camera, name: str) -> str:
     """Name an intrinsic as the core does: lens parameters by their index."""
     if name in K_ENTRIES:
         return name
-    of_lens = CAMERA_MODELS[camera.model].coefficients[: len(camera.distortion)]
-    return str((*of_lens, *sorted(camera.parameters)).index(name))
+    coefficients = CAMERA_MODELS[camera.model].coefficients[: len(camera.distortion)]
+    return str((*coefficients, *sorted(camera.parameters)).index(name))
 
 
 # Uncertainty of the intrinsics.

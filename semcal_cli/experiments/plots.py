@@ -96,9 +96,9 @@ def draw_groups(
     """
     width = GROUP_WIDTH / len(colors)
     columns: list[tuple[float, Sequence[float]]] = []
-    for number, ((label, color), of_label) in enumerate(zip(colors.items(), groups, strict=True)):
+    for number, ((label, color), label_groups) in enumerate(zip(colors.items(), groups, strict=True)):
         shift = (number - 0.5 * (len(colors) - 1)) * width
-        for group, values in enumerate(of_label):
+        for group, values in enumerate(label_groups):
             _draw_values(axes, values, group + shift, 0.8 * width, color)
             columns.append((group + shift, values))
         axes.plot([], [], "o", color=color, label=label)

@@ -104,8 +104,8 @@ class _Series:
 
     def half_widths(self, covariance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return half widths (6,) of a combined pose, from the scatter of the drives (6, 6) and from errors of K."""
-        of_intrinsics = normal_half_widths(self.covariance_of_intrinsics)
-        return np.hypot(_half_widths(covariance, self.factors), of_intrinsics)
+        intrinsics_half_widths = normal_half_widths(self.covariance_of_intrinsics)
+        return np.hypot(_half_widths(covariance, self.factors), intrinsics_half_widths)
 
 
 def _along_axes(coordinates: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

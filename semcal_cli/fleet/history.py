@@ -174,8 +174,8 @@ def _split(series: Vectors, weighted: Matrices, threshold: float) -> int | None:
     pull = np.cumsum(np.einsum("nij,nj->ni", weighted, series), axis=0)
     places = np.arange(MIN_LENGTH, count - MIN_LENGTH + 1)
     left, right = information[places - 1], information[-1] - information[places - 1]
-    of_left, of_right = pull[places - 1], pull[-1] - pull[places - 1]
-    gain = _explained(left, of_left) + _explained(right, of_right)
+    left_pull, right_pull = pull[places - 1], pull[-1] - pull[places - 1]
+    gain = _explained(left, left_pull) + _explained(right, right_pull)
     gain -= _explained(information[-1:], pull[-1:])
     best = int(np.argmax(gain))
     return int(places[best]) if gain[best] > threshold else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -109,29 +109,13 @@ def accumulate_drive(
     if (seconds is None) == (num_sweeps is None):
         raise ValueError("found seconds and num_sweeps both or neither, expected one of them")
     path = output_drive_file(out)
-    if is_same_file(path, drive.path):
-        raise InputError(f"{path}: found the drive to accumulate; choose another -o")
-    inputs = {os.path.realpath(drive.resolve(name)) for name in drive.files()}
-    if not force:
-        check_may_replace(path, lambda file, frame: os.path.realpath(file) in inputs, of_networks=True)
+    inputs = _check_output(path, drive, force=force)
     accumulation = Accumulation(drive, seconds, num_sweeps, on_event)
-    frames, clouds = dict[int, dict[str, Any]](), list[AccumulatedCloud]()
     with remove_if_refused(path.parent) as write:
-        for frame, cloud in accumulation.clouds():
-            files = cloud.files(f"{path.stem}/{cloud.place:06d}")
-            if not clouds:
-                path.unlink(missing_ok=True)  # or, if this run ends early, it would name clouds of two runs
-            for name, content in files.values():
-                if os.path.realpath(path.parent / name) in inputs:
-                    raise InputError(f"{path.parent / name}: found a file of the drive; choose another -o")
-                write(content, path.parent / name)
-            names = {key: name for key, (name, _) in files.items()}
-            frames[cloud.place] = _frame(drive, frame, path) | names
-            # A view of no points would keep them all in memory.
-            clouds.append(cloud._replace(points=cloud.points[:0].copy(), labels=None))
+        frames, clouds = _write_clouds(accumulation, path, inputs, write)
         if not frames:
             raise accumulation.refusal()
-        document = _document(drive, path) | {"frames": [frames[place] for place in sorted(frames)]}
+        document = _document(drive, path) | {"frames": frames}
         if not accumulation.has_intensity:
             document["point_columns"] = ["x", "y", "z"]
         if all(cloud.stood for cloud in clouds):
@@ -139,6 +123,42 @@ def accumulate_drive(
         accumulated = validate(Drive, document, path)
         write(document_text(document, "yaml").encode(), path)
     accumulated._path = path
+    return _summary(accumulated, accumulation, clouds)
+
+
+def _check_output(path: Path, drive: Drive, *, force: bool) -> set[str]:
+    """Check that the drive.yaml at `path` may be written, and return the files of the drive, which must stay."""
+    if is_same_file(path, drive.path):
+        raise InputError(f"{path}: found the drive to accumulate; choose another -o")
+    inputs = {os.path.realpath(drive.resolve(name)) for name in drive.files()}
+    if not force:
+        check_may_replace(path, lambda file, frame: os.path.realpath(file) in inputs, of_networks=True)
+    return inputs
+
+
+def _write_clouds(
+    accumulation: Accumulation, path: Path, inputs: set[str], write: Callable[[bytes, Path], None]
+) -> tuple[list[dict[str, Any]], list[AccumulatedCloud]]:
+    """Write the files of the clouds; return the frames of the drive.yaml at `path`, and the clouds without points."""
+    frames, clouds = dict[int, dict[str, Any]](), list[AccumulatedCloud]()
+    for frame, cloud in accumulation.clouds():
+        files = cloud.files(f"{path.stem}/{cloud.place:06d}")
+        if not clouds:
+            path.unlink(missing_ok=True)  # or, if this run ends early, it would name clouds of two runs
+        for name, content in files.values():
+            if os.path.realpath(path.parent / name) in inputs:
+                raise InputError(f"{path.parent / name}: found a file of the drive; choose another -o")
+            write(content, path.parent / name)
+        names = {key: name for key, (name, _) in files.items()}
+        frames[cloud.place] = _frame(accumulation.drive, frame, path) | names
+        # A view of no points would keep them all in memory.
+        clouds.append(cloud._replace(points=cloud.points[:0].copy(), labels=None))
+    return [frames[place] for place in sorted(frames)], clouds
+
+
+def _summary(
+    accumulated: Drive, accumulation: Accumulation, clouds: Sequence[AccumulatedCloud]
+) -> AccumulatedDrive:
     num_read = sum(cloud.num_read for cloud in clouds)
     return AccumulatedDrive(
         accumulated,

@@ -230,14 +230,14 @@ class Accumulation:
             raise InputError(f"{file}: found {known}, unlike in other sweeps, expected one in all or in none")
         return cloud
 
-    def _fitted(self, frame: Frame, key: Frame, surfaces: Surfaces, of_key: SweepCloud) -> _Sweep:
+    def _fitted(self, frame: Frame, key: Frame, surfaces: Surfaces, key_cloud: SweepCloud) -> _Sweep:
         """Read a sweep and put it into the frame of the key's.
 
         Raises:
             _MisfitError: it does not lie on the surfaces of the key's sweep.
         """
         cloud = self._read(frame)
-        if (cloud.labels is None) != (of_key.labels is None):
+        if (cloud.labels is None) != (key_cloud.labels is None):
             lacking = frame if cloud.labels is None else key
             raise InputError(
                 f"{self.drive.path}: {lacking.key('point_labels')}: found nothing, expected labels of all sweeps or "

@@ -168,7 +168,7 @@ def _joined_poses(recordings: Mapping[str, Recording]) -> dict[int, Pose] | None
             f"--sequence: found poses of {next(iter(poses))}, and none of {lacking[0]}, expected poses of all or none: "
             "import each sequence alone"
         )
-    joined = {stamp_ns: T for of_one in poses.values() for stamp_ns, T in of_one.items()}
+    joined = {stamp_ns: T for sequence_poses in poses.values() for stamp_ns, T in sequence_poses.items()}
     return {stamp_ns: joined[stamp_ns] for stamp_ns in sorted(joined)}
 
 

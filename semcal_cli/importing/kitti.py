@@ -186,13 +186,13 @@ def read_raw(request: Request) -> Recording:
     # Drives without timestamps all begin at 0 s.
     shifts_s = clock_shifts_s(
         [
-            [frame.points_stamp for frame in of_drive if frame.points_stamp is not None]
-            for of_drive, _ in drives_of_day
+            [frame.points_stamp for frame in drive_frames if frame.points_stamp is not None]
+            for drive_frames, _ in drives_of_day
         ]
     )
-    for (of_drive, of_imu), shift_s in zip(drives_of_day, shifts_s, strict=True):
-        frames += [replace(frame, points_stamp=later(frame.points_stamp, shift_s)) for frame in of_drive]
-        twists_imu += [(stamp_s + shift_s, twist) for stamp_s, twist in of_imu]
+    for (drive_frames, drive_twists), shift_s in zip(drives_of_day, shifts_s, strict=True):
+        frames += [replace(frame, points_stamp=later(frame.points_stamp, shift_s)) for frame in drive_frames]
+        twists_imu += [(stamp_s + shift_s, twist) for stamp_s, twist in drive_twists]
     velo, lines = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
     number = camera.removeprefix("image_")
     recording = Recording(

@@ -49,8 +49,8 @@ def are_unmoved(sweeps: Sequence[Points], origins: Sequence[Vector]) -> Mask:
     for part in np.array_split(np.arange(len(sweeps)), NUM_PARTS):
         counts = np.zeros((len(points), 4))
         for origin in np.unique([origins[index] for index in part], axis=0):
-            of_origin = [sweeps[index] for index in part if np.array_equal(origin, origins[index])]
-            counts += _count(np.concatenate(of_origin), points, origin)
+            same_origin = [sweeps[index] for index in part if np.array_equal(origin, origins[index])]
+            counts += _count(np.concatenate(same_origin), points, origin)
         is_gone |= _is_passed(counts)
         all_counts += counts
     unmoved: Mask = ~(is_gone | _is_passed(all_counts))

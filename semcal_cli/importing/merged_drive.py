@@ -163,8 +163,8 @@ def _check_no_frame_twice(drives: Sequence[Drive]) -> None:
     for drive in drives:
         names = [(frame, (frame.points, frame.image or frame.image_labels)) for frame in drive.frames]
         files = {
-            tuple(name and os.path.realpath(drive.resolve(name)) for name in of_frame): frame
-            for frame, of_frame in names
+            tuple(name and os.path.realpath(drive.resolve(name)) for name in file_names): frame
+            for frame, file_names in names
         }
         for key, frame in files.items():
             if (other := known.get(key)) is not None:

@@ -188,8 +188,8 @@ def find_scene(request: Request, lidar: str, camera: str) -> ViewedScene:
         if channel in rows and text(row, "sample_token") in samples:
             rows[channel].append(row)
     sweeps, images = (
-        {text(row, "sample_token"): row for row in of_channel if row.at("is_key_frame").value is True}
-        for of_channel in rows.values()
+        {text(row, "sample_token"): row for row in channel_rows if row.at("is_key_frame").value is True}
+        for channel_rows in rows.values()
     )
     both = [(sweeps[sample], images[sample]) for sample in sweeps if sample in images]
     if not both:

@@ -288,13 +288,13 @@ def _check_fields(where: str, value: object, kind: type[Kind]) -> Kind:
     """Check the class of an object, and its fields against the annotations of the class."""
     if not isinstance(value, kind):
         raise TypeError(f"{where}: found {describe(value)}, expected a {kind.__name__}".removeprefix(": "))
-    of_kind: type = kind
-    for key, of_field in settings_of(of_kind, with_others=True).items():
-        if not of_field.allows(content := getattr(value, key)):
-            if isinstance(content, tuple) and get_origin(of_field.kind) is tuple:
-                index = [of_field.entry.allows(entry) for entry in content].index(False)
-                key, content, of_field = f"{key}[{index}]", content[index], of_field.entry
-            needed = of_field.needed(content) + " or None" * of_field.is_optional
+    record_type: type = kind
+    for key, setting in settings_of(record_type, with_others=True).items():
+        if not setting.allows(content := getattr(value, key)):
+            if isinstance(content, tuple) and get_origin(setting.kind) is tuple:
+                index = [setting.entry.allows(entry) for entry in content].index(False)
+                key, content, setting = f"{key}[{index}]", content[index], setting.entry
+            needed = setting.needed(content) + " or None" * setting.is_optional
             raise TypeError(f"{where}.{key}: found {describe(content)}, expected {needed}".removeprefix("."))
     return value
 

@@ -207,10 +207,10 @@ def _fetch_files(hub: HubName, max_mb: float, on_event: Listener) -> Path:
         )
     for name, file in files.items():
         if file in missing:
-            step, of_total = f"fetching {name} of {hub.repo}", f" of {file.num_bytes / MEGABYTE:.1f} MB"
+            step, total = f"fetching {name} of {hub.repo}", f" of {file.num_bytes / MEGABYTE:.1f} MB"
 
-            def tell(num_bytes: int, step: str = step, of_total: str = of_total) -> None:
-                on_event(Progress(f"{step}: {num_bytes / MEGABYTE:.1f}{of_total}"))
+            def tell(num_bytes: int, step: str = step, total: str = total) -> None:
+                on_event(Progress(f"{step}: {num_bytes / MEGABYTE:.1f}{total}"))
 
             cache.write_content(file, parts_of(file, tell))
         cache.link(name, file)

@@ -32,9 +32,9 @@ def scene_masks(drive: Drive, frames: Sequence[Frame]) -> list[Mask | None]:
             leaves no pixel.
     """
     camera, size = drive.camera, drive.camera.size
-    of_camera: Mask | None = None
+    camera_mask: Mask | None = None
     if isinstance(camera.mask, str):
-        of_camera = _read(drive, camera.mask)
+        camera_mask = _read(drive, camera.mask)
     elif camera.mask is not None:
         for index, corners in enumerate(camera.mask):
             if outside_polygons(size, [corners]).all():
@@ -42,14 +42,14 @@ def scene_masks(drive: Drive, frames: Sequence[Frame]) -> list[Mask | None]:
                     f"{drive.path}: camera.mask[{index}]: found a polygon outside the image of {size[0]} x {size[1]}, "
                     "expected corners [u, v] in pixels around what is no scene"
                 )
-        of_camera = outside_polygons(size, camera.mask)
+        camera_mask = outside_polygons(size, camera.mask)
 
     @cache
     def with_own(name: str) -> Mask:
         own = _read(drive, name)
-        return own if of_camera is None else of_camera & own
+        return own if camera_mask is None else camera_mask & own
 
-    masks = [of_camera if frame.mask is None else with_own(frame.mask) for frame in frames]
+    masks = [camera_mask if frame.mask is None else with_own(frame.mask) for frame in frames]
     for frame, mask in zip(frames, masks, strict=True):
         if mask is not None and not mask.any():
             key = "camera.mask" if frame.mask is None else frame.key("mask")

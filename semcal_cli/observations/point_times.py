@@ -193,9 +193,9 @@ def _fitting_unit(span_s: float) -> tuple[NamedUnit | None, float]:
     Whole numbers were read as nanoseconds, and all others as seconds, whose units are at least milliseconds.
     """
     for unit, seconds in SECONDS_PER_UNIT.items():
-        for of_reading in (1.0, SECONDS_PER_UNIT["ns"]):
-            is_finer = seconds < of_reading if of_reading == 1.0 else seconds > of_reading
-            if is_finer and MIN_SWEEP_S <= (fitting_s := span_s * seconds / of_reading) <= MAX_SWEEP_S:
+        for read_unit_s in (1.0, SECONDS_PER_UNIT["ns"]):
+            is_finer = seconds < read_unit_s if read_unit_s == 1.0 else seconds > read_unit_s
+            if is_finer and MIN_SWEEP_S <= (fitting_s := span_s * seconds / read_unit_s) <= MAX_SWEEP_S:
                 name: NamedUnit = unit  # type: ignore[assignment]
                 return name, fitting_s
     return None, 0.0

@@ -301,15 +301,15 @@ def read_clouds(drive: Drive, sweeps: SweepCache | None = None) -> list[SweepClo
 def _cloud_of_arrays(arrays: HeldArrays, frame: Frame) -> SweepCloud:
     held, labels = arrays.by_name, frame.point_labels
     times = next(iter(arrays.times_of(frame.points).values()), None)
-    of_labels = None if labels is None else (labels, held[labels])
-    return cloud_of(frame.points, held[frame.points], times, of_labels)
+    cloud_labels = None if labels is None else (labels, held[labels])
+    return cloud_of(frame.points, held[frame.points], times, cloud_labels)
 
 
 def _point_labels(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Labels]:
     labels = [cloud.labels if cloud.label_shares is None else cloud.label_shares for cloud in clouds]
-    present = [of_cloud for of_cloud in labels if of_cloud is not None]
+    present = [cloud_labels for cloud_labels in labels if cloud_labels is not None]
     if len(present) < len(clouds):
-        frame = next(f for f, of_cloud in zip(drive.frames, labels, strict=True) if of_cloud is None)
+        frame = next(f for f, cloud_labels in zip(drive.frames, labels, strict=True) if cloud_labels is None)
         needed = "expected a file of class ids, or a field of the cloud named label, class or semantic"
         if not present:
             needed += "; edges need none (--cue edges)"

@@ -83,9 +83,9 @@ def assess(
         assessment = _judge(pose, on_event, with_label_bleed=can_bleed)
     if any(finding.topic == CLOCKS for finding in assessment.findings):
         # The finding states the offset.
-        of_clock = notes_on_clock(used, pose.clock)
+        clock_notes = notes_on_clock(used, pose.clock)
         assessment = replace(
-            assessment, notes=tuple(note for note in assessment.notes if note not in of_clock)
+            assessment, notes=tuple(note for note in assessment.notes if note not in clock_notes)
         )
     if data.coarse_cue is not None and data.policy.needs_near_start:
         # The pose belongs to the camera that was estimated with it.
@@ -269,7 +269,7 @@ def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -
         uncertainty=uncertainty.model_copy(update={"intrinsics_cost": cost}),
         findings=(*assessment.findings, *wide),
         notes=notes,
-        of_motion=budget.clock_and_motion,
+        motion_covariance=budget.clock_and_motion,
     )
 
 
@@ -339,6 +339,6 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     topics = {finding.topic for finding in findings_among(measured)}
     if not pose.is_clock_estimated and UNTIED_CLOCKS not in topics:
         notes += notes_on_clock(data, pose.clock)
-    of_labels, notes_on_labels = check_labels(data, T)
+    label_checks, notes_on_labels = check_labels(data, T)
     notes += notes_on_labels
-    return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured, *of_labels)
+    return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured, *label_checks)

@@ -95,8 +95,10 @@ def repeat(
             poses.append(rerun.T_camera_lidar)
         except CalibrationError:
             poses.append(None)
-    of_motion = None if stages.assessment is None else stages.assessment.of_motion
-    repeatability, findings = compare_seeds(stages.T_camera_lidar, poses, stages.uncertainty, of_motion)
+    motion_covariance = None if stages.assessment is None else stages.assessment.motion_covariance
+    repeatability, findings = compare_seeds(
+        stages.T_camera_lidar, poses, stages.uncertainty, motion_covariance
+    )
     count = len(findings)
     doubts = {0: "the pose is the same", 1: "1 more doubt"}.get(count, f"{count} more doubts")
     note = f"{config.num_seeds} seeds compared, {doubts}"

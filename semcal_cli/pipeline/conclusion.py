@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic_core import to_jsonable_python
 
 from semcal_cli.checks import precedence
@@ -43,17 +45,6 @@ def make_calibration(
         else compare_poses(stages.T_camera_lidar, initial_pose.T_camera_lidar),
         estimated=() if joint is None or joint.camera is None else joint.camera.intrinsics,
     )
-    options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
-    if initial_pose is not None and initial_pose.source is None:
-        options["given"] = initial_pose.name
-    if initial_pose is not None and initial_pose.direction is not None:
-        options["init_direction"] = initial_pose.direction
-    options |= stages.settings
-    if stages.repeatability is not None:
-        options["num_seeds"] = stages.repeatability.num_seeds
-    if stages.cross_validation is not None:
-        options["num_folds"] = stages.cross_validation.num_folds
-    settings = {"options": to_jsonable_python(options), "seed": config.seed, "versions": versions()}
     calibration = CalibrationDocument.from_pose(
         stages.T_camera_lidar,
         status="not_trusted" if findings else "not_assessed" if assessment is None else "trusted",
@@ -73,12 +64,29 @@ def make_calibration(
         polish=None if stages.polished is None else stages.polished.held_out,
         hypotheses=() if stages.searched is None else tuple(map(_hypothesis, stages.searched.hypotheses)),
         input=describe_input(data.drive, files_of(data.cues)),
-        settings=settings,
+        settings=_settings(data, stages, config, initial_pose),
     )
     if calibration.uncertainty is None:
         return calibration
     in_image = calibration.uncertainty.with_pixels(calibration.used_camera)
     return calibration.model_copy(update={"uncertainty": in_image})
+
+
+def _settings(
+    data: LoadedDrive, stages: Stages, config: CalibrationConfig, initial_pose: InitialPose | None
+) -> dict[str, Any]:
+    """Collect what the result was computed with."""
+    options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
+    if initial_pose is not None and initial_pose.source is None:
+        options["given"] = initial_pose.name
+    if initial_pose is not None and initial_pose.direction is not None:
+        options["init_direction"] = initial_pose.direction
+    options |= stages.settings
+    if stages.repeatability is not None:
+        options["num_seeds"] = stages.repeatability.num_seeds
+    if stages.cross_validation is not None:
+        options["num_folds"] = stages.cross_validation.num_folds
+    return {"options": to_jsonable_python(options), "seed": config.seed, "versions": versions()}
 
 
 def _hypothesis(mounting: Mounting) -> Hypothesis:

@@ -65,10 +65,10 @@ def resolve_mountings(
             ).T_camera_lidar
             if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= limit:
                 continue
-            of_rival = refine(rival.T_camera_lidar)
-            (behind,) = sigmas_behind(observations, refined.T_camera_lidar, [of_rival.T_camera_lidar])
+            refined_rival = refine(rival.T_camera_lidar)
+            (behind,) = sigmas_behind(observations, refined.T_camera_lidar, [refined_rival.T_camera_lidar])
             if behind < 0.0:
-                mounting, refined = rival, of_rival
+                mounting, refined = rival, refined_rival
             is_clear &= abs(behind) >= limit
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.

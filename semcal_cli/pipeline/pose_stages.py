@@ -323,12 +323,12 @@ def fuse(
 ) -> Fused:
     """Fuse the estimate from the data, with its covariance (6, 6) by errors of a speed that they show, with priors."""
     clock = ClockUncertainty.of(data, T_polished, config.polish)
-    of_clock = None if clock is None else clock.covariance()
+    clock_covariance = None if clock is None else clock.covariance()
     stage = partial(
         fuse_with_priors,
         data.observations,
         T_polished,
         priors,
-        of_motion=sum_of(of_clock, covariance_of_motion(data, T_polished), of_speed),
+        motion_covariance=sum_of(clock_covariance, covariance_of_motion(data, T_polished), of_speed),
     )
     return announced("fused", "combining with priors", stage, on_event, T_polished)

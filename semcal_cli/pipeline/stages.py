@@ -48,7 +48,7 @@ class Assessment:
     """What the checks measured, whether or not it is beyond their limits."""
     checked_intrinsics: CheckedIntrinsics | None = None
     """What the frames say of the intrinsics; None if they determine none."""
-    of_motion: npt.NDArray[np.float64] | None = None
+    motion_covariance: npt.NDArray[np.float64] | None = None
     """(6, 6) part of the covariance of the pose by the clock and the motion that stay as the drive says; None if there
     is none."""
 
@@ -217,9 +217,9 @@ class Stages:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences that a person should read and that do not speak against the pose."""
-        of_joint = () if self.joint is None else self.joint.notes
-        of_assessment = () if self.assessment is None else self.assessment.notes
-        return self.notes_on_data + of_joint + of_assessment
+        joint_notes = () if self.joint is None else self.joint.notes
+        assessment_notes = () if self.assessment is None else self.assessment.notes
+        return self.notes_on_data + joint_notes + assessment_notes
 
     @property
     def uncertainty(self) -> Uncertainty | None:

@@ -116,11 +116,11 @@ def judge(
     )
     checks = []
     for name, unit, part, offsets, allowed in parts:
-        of_part = None if widths is None else widths[part]
+        part_widths = None if widths is None else widths[part]
         for index, axis in enumerate(AXES):
-            width = None if of_part is None else float(of_part[index])
+            width = None if part_widths is None else float(part_widths[index])
             checks.append(_check(f"{name} {axis}", unit, offsets[index], width, allowed))
-        width = None if of_part is None else overall_width(offsets, of_part)
+        width = None if part_widths is None else overall_width(offsets, part_widths)
         checks.append(_check(f"{name}{OVERALL}", unit, float(np.linalg.norm(offsets)), width, allowed))
     return tuple(checks)
 

@@ -197,7 +197,7 @@ def verify(
     config = CalibrationConfig() if config is None else config
     limits = Limits() if limits is None else limits
     check_limits(limits)
-    data, of_camera = _with_common_camera(load(data, config), stated)
+    data, camera_notes = _with_common_camera(load(data, config), stated)
     if limits.delay_s is not None and twists_per_s(data.observations) is None:
         raise InputError(
             f"{data.drive.path}: motion: found no direction of motion, expected poses or a twist for --max-delay-ms"
@@ -206,7 +206,7 @@ def verify(
     refinement = RefinementConfig(jointly=jointly)
     stages = _estimate(data, stated, refinement, config.seed, on_event)
     verification = _judged(data, stated, stages, limits)
-    return replace(verification, notes=(*verification.notes, *of_camera))
+    return replace(verification, notes=(*verification.notes, *camera_notes))
 
 
 def _with_common_camera(data: LoadedDrive, stated: InitialPose) -> tuple[LoadedDrive, tuple[str, ...]]:
@@ -294,10 +294,10 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     error = compare_poses(T_stated, estimate)
     half_widths = None if uncertainty is None else uncertainty.half_widths
     checks = judge(error.camera_center_xyz_m, error.rotation_xyz_deg, half_widths, limits)
-    of_clock = list[str]()
+    clock_notes = list[str]()
     if limits.delay_s is not None:
-        check, of_clock = _check_clock(data, stages, limits.delay_s)
-        checks, notes = (*checks, check), tuple(note for note in notes if note not in of_clock)
+        check, clock_notes = _check_clock(data, stages, limits.delay_s)
+        checks, notes = (*checks, check), tuple(note for note in notes if note not in clock_notes)
     verdict: Verdict = "inconclusive"
     # The transform is a start, though none that could be left out.
     doubts = precedence.diagnosed(findings, weak=data.policy.weak, start=stated.name)
@@ -306,10 +306,10 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         verdict = together(check.verdict for check in checks)
         looks = likely_mistakes(T_stated, estimate) if verdict == "fail" else []
         reasons = [(LOOKS_LIKE, f"{sentence}: {remedy(sentence, stated)}") for sentence in looks]
-    reasons += [(CLOCKS, sentence) for sentence in of_clock]
-    of_record = () if stated.record is None else check_own_drive(data.drive, stated.record)
-    reasons += [(finding.topic, finding.sentence) for finding in of_record]
-    if of_record:
+    reasons += [(CLOCKS, sentence) for sentence in clock_notes]
+    record_findings = () if stated.record is None else check_own_drive(data.drive, stated.record)
+    reasons += [(finding.topic, finding.sentence) for finding in record_findings]
+    if record_findings:
         verdict = "inconclusive" if verdict == "pass" else verdict
     has_moved, smallest, covariance = None, None, None
     if not findings and uncertainty is not None:
@@ -319,7 +319,7 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
         has_moved = is_shown or is_beyond
         notes = (*notes, _visible(smallest))
     is_trusted = smallest is not None
-    if verdict == "inconclusive" and (of_record or not is_trusted):
+    if verdict == "inconclusive" and (record_findings or not is_trusted):
         checks = tuple(check.not_judged(is_trusted=is_trusted) for check in checks)
     clock = stages.joint.clock if stages.joint is not None and stages.is_joint else None
     return Verification(

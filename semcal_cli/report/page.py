@@ -195,8 +195,8 @@ def both_overlays(verification: Verification, data: LoadedDrive, initial_pose: I
     """Put the verified transform and the one that was found side by side, on evenly spaced frames."""
     sample = data.of_frames(evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES))
     poses = {initial_pose.name: initial_pose.T_camera_lidar, ESTIMATED: verification.T_camera_lidar}
-    of_estimate = sample.drive.model_copy(update={"time_offset_s": verification.time_offset_s})
-    observations = {ESTIMATED: seen_as(sample.first_cue, sample.drive, of_estimate)}
+    estimated_drive = sample.drive.model_copy(update={"time_offset_s": verification.time_offset_s})
+    observations = {ESTIMATED: seen_as(sample.first_cue, sample.drive, estimated_drive)}
     by = first_coloring(sample.first_cue)
     by = "agreement" if by == "class" else by
     return Overlays(sample.drive, sample.first_cue, poses, by, observations)

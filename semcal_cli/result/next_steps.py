@@ -82,7 +82,7 @@ def _correction(
     if not options or "jointly" in settings:
         return []
     cues = cues_of_options(settings)
-    of_cues = ["--cue", ",".join(cues)] if "cues" in settings else []
+    cue_options = ["--cue", ",".join(cues)] if "cues" in settings else []
     start = ["--init", result] if policy_of(cues).needs_near_start else []
     corrected = result.with_stem(f"{result.stem}_corrected")
-    return [shell("calibrate", drive, *of_cues, *start, *options, "-o", corrected)]
+    return [shell("calibrate", drive, *cue_options, *start, *options, "-o", corrected)]

@@ -326,8 +326,8 @@ def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
     radius_px = uncertainty.half_width_ahead_px(camera)
     # A lens may not show its optical axis.
     in_image = f", or {figure(radius_px)} px at {AHEAD_M:g} m" if math.isfinite(radius_px) else ""
-    of_intrinsics, of_K = uncertainty.half_widths_of_intrinsics.tolist(), ""
-    if any(of_intrinsics):
-        center_m, rotation_deg = max(of_intrinsics[:3]), max(of_intrinsics[3:])
+    half_widths, of_K = uncertainty.half_widths_of_intrinsics.tolist(), ""
+    if any(half_widths):
+        center_m, rotation_deg = max(half_widths[:3]), max(half_widths[3:])
         of_K = f"; errors of K account for {lengths([center_m])} and {figure(rotation_deg)} degrees"
     return widest(uncertainty.half_widths) + in_image + of_K

@@ -279,8 +279,8 @@ def _find_maximum(fits: _Fits) -> MeasuredSpeed | None:
     scenes = np.array(squares)[:, 0]
     counts, slopes = np.bincount(scenes), slopes + bends * away_m_s
     means = np.bincount(scenes, slopes) / np.maximum(counts, 1)
-    of_one = np.sqrt(counts / np.maximum(counts - 1, 1))
-    sigma_m_s = float(np.linalg.norm(of_one[scenes] * (slopes - means[scenes]))) / bend
+    correction = np.sqrt(counts / np.maximum(counts - 1, 1))
+    sigma_m_s = float(np.linalg.norm(correction[scenes] * (slopes - means[scenes]))) / bend
     along_view_m_s = fits.middle.speed_m_s + away_m_s
     is_moving = abs(along_view_m_s) >= MIN_SIGMAS * sigma_m_s
     return MeasuredSpeed(

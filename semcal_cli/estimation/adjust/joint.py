@@ -183,8 +183,8 @@ def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.InformationGain:
     before, part = newton(kept, T, problem.polish).T_camera_lidar, None
     if fit.variables.names:
         # The maximum of the kept data is near that of all.
-        of_kept = replace(problem, observations=kept, asked=fit.uncertain)
-        part = of_kept.finish(fit.T_camera_lidar, fit.variables, fit.changes)
+        kept_problem = replace(problem, observations=kept, asked=fit.uncertain)
+        part = kept_problem.finish(fit.T_camera_lidar, fit.variables, fit.changes)
     if part is None or part.variables != fit.variables:
         return core.held_out_gain(kept.core, held_out.core, before, before)
     adjusted = adjust_observations(held_out, part.variables, part.changes)
@@ -260,8 +260,7 @@ def _notes(fit: Fit, asked: Variables, gain: core.InformationGain, is_kept: bool
         both = ["intrinsics"] * bool(fit.variables.intrinsics) + ["clocks"] * fit.variables.with_delay
         why = "the estimate differs from them only by chance"
         if fit.is_beyond_chance:
-            by = gain.gain / max(gain.sigma, 1e-12)
-            better, limit = format_against_limit(by, MIN_GAIN, 1)
+            better, limit = format_against_limit(gain.significance, MIN_GAIN, 1)
             why = (
                 f"held-out data agree only {better} standard errors better with the estimate, needed more than "
                 f"{limit}"

@@ -146,8 +146,8 @@ class Fit(NamedTuple):
         """Whether the variables differ from the drive's values by more than chance (Wald's test)."""
         if self.covariance is None or not self.places:
             return False
-        of_variables, count = self.covariance[np.ix_(self.places, self.places)], len(self.changes)
-        distance = float(self.changes @ np.linalg.solve(of_variables, self.changes))
+        covariance, count = self.covariance[np.ix_(self.places, self.places)], len(self.changes)
+        distance = float(self.changes @ np.linalg.solve(covariance, self.changes))
         # What classes share is in the covariance. By the few degrees of freedom of classes nothing is beyond chance.
         return distance > count * core.fisher_limit(CHANCE, count, MANY)
 
@@ -293,8 +293,8 @@ class Problem:
         )
         if around is None:
             return nothing
-        of_borders = np.asarray(BORDERS_PX**2 * np.linalg.pinv(around.motions), np.float64)
-        labels = measure(around, of_borders)
+        border_covariance = np.asarray(BORDERS_PX**2 * np.linalg.pinv(around.motions), np.float64)
+        labels = measure(around, border_covariance)
         information = labels.information + np.diag(np.concatenate([np.zeros(6), prior_sigmas**-2.0]))
         # Metres, radians and pixels are mixed, so each variable is scaled before directions are compared.
         scale = np.sqrt(np.diag(information))

@@ -176,7 +176,7 @@ def fuse_with_priors(
     T_camera_lidar: Pose,
     priors: Sequence[Prior],
     *,
-    of_motion: Matrix | None = None,
+    motion_covariance: Matrix | None = None,
 ) -> Fused:
     """Find the pose that labels and priors determine together.
 
@@ -184,14 +184,14 @@ def fuse_with_priors(
         observations: The observations that the pose was polished on.
         T_camera_lidar: (4, 4) pose polished without priors, metres.
         priors: The priors, which leave at least one direction free.
-        of_motion: (6, 6) covariance of the labels' optimum by the clock and the motion that the drive states; None if
-            there is none.
+        motion_covariance: (6, 6) covariance of the labels' optimum by the clock and the motion that the drive states;
+            None if there is none.
     """
     around = sensitivity(observations, T_camera_lidar, SensitivityConfig())
     is_alone = around is not None and around.is_determined
     T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     twist = _twist_by_intrinsics(observations, T)
-    systematic = sum_of(None if twist is None else twist @ twist.T, of_motion)
+    systematic = sum_of(None if twist is None else twist @ twist.T, motion_covariance)
     from_labels: list[OffsetFromLabels | None] = [None] * len(priors)
     if around is not None and is_alone:
         labels = measure(around, systematic)

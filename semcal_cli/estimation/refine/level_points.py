@@ -140,8 +140,8 @@ class FeaturePoints:
         self.rows, self.columns, channels = maps[0].shape
         self.y = torch.from_numpy(np.concatenate([pixels.reshape(-1, channels) for pixels in maps]))
         points, x, frames = [], [], []
-        of_frames = zip(observations.clouds, observations.images, vectors, strict=True)
-        for frame, (cloud, image, (point_vectors, _)) in enumerate(of_frames):
+        sides = zip(observations.clouds, observations.images, vectors, strict=True)
+        for frame, (cloud, image, (point_vectors, _)) in enumerate(sides):
             projected = core.project_points(
                 core_camera(observations.camera), cloud.points, anchor, observations.origin_m
             )

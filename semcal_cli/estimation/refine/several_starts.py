@@ -177,9 +177,9 @@ class SeveralStarts:
         ends, candidates = compared(self.poses), compared(self.given)
         highest = ends[0].value
         ends = near_a_maximum(ends)[:NUM_POLISHED]
-        of_candidates = [*candidates, *polished(near_a_maximum(candidates))]
-        needed = max(end.value for end in of_candidates)
-        ranked = sorted([*polished(ends), *ends, *of_candidates], key=lambda end: -end.value)
+        candidate_ends = [*candidates, *polished(near_a_maximum(candidates))]
+        needed = max(end.value for end in candidate_ends)
+        ranked = sorted([*polished(ends), *ends, *candidate_ends], key=lambda end: -end.value)
         best, *others = [maximum for maximum in _distinct(ranked) if maximum.value >= needed]
         gains = core.information_gains(
             self.observations.core,

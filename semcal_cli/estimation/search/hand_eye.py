@@ -239,8 +239,8 @@ def _start(pairs: Sequence[Pair]) -> Matrix:
         sigmas.append(math.sqrt(float(np.trace(pair.covariance[:3, :3])) / 3.0))
         to.append(pair.direction)
         source.append(T[:3, 3] / max(distance_m, STANDING_M))
-        of_place = turn * CAMERA_SIGMA_M / max(distance_m, STANDING_M)
-        sigmas.append(math.sqrt(float(np.trace(pair.covariance[3:, 3:])) / 2.0 + of_place**2))
+        place_sigma = turn * CAMERA_SIGMA_M / max(distance_m, STANDING_M)
+        sigmas.append(math.sqrt(float(np.trace(pair.covariance[3:, 3:])) / 2.0 + place_sigma**2))
     a, b, inverse_variances = np.array(to), np.array(source), np.array(sigmas) ** -2.0
     weights = inverse_variances
     for _ in range(ROUNDS):
@@ -254,7 +254,7 @@ def _fit(pair: Pair, R: Matrix, c: Vector) -> tuple[Vector, Matrix]:
     """Compute the errors (5,) of a pair's rotation and direction, and their gradients (5, 6) by R and c."""
     R_B, t_B = pair.T_B[:3, :3], pair.T_B[:3, 3]
     rotation = R @ R_B @ R.T
-    of_turn = rotation_difference(_posed(rotation), _posed(pair.R_A))
+    turn_error = rotation_difference(_posed(rotation), _posed(pair.R_A))
     translation = R @ (t_B + (R_B - np.eye(3)) @ c)
     length = max(float(np.linalg.norm(translation)), 1e-9)
     along = translation / length
@@ -266,7 +266,7 @@ def _fit(pair: Pair, R: Matrix, c: Vector) -> tuple[Vector, Matrix]:
     J[:3, :3] = np.eye(3) - rotation
     J[3:, :3] = -pair.across @ cross_matrix(along)
     J[3:, 3:] = pair.across @ (np.eye(3) - np.outer(along, along)) @ R @ (R_B - np.eye(3)) / length
-    return np.concatenate([of_turn, stretch * sideways]), J
+    return np.concatenate([turn_error, stretch * sideways]), J
 
 
 def _missing(motions: Sequence[Pose]) -> str | None:

@@ -113,8 +113,10 @@ def _candidates(
     )
     # With points of one class, no placement of the image is better than another.
     if len(classes := np.flatnonzero(counts[:NO_CLASS]).tolist()) < 2:
-        of_what = "".join(f"only {observations.point_class_names[index]}" for index in classes) or "no class"
-        raise CalibrationError(f"no initial calibration: found points of {of_what}, expected two classes")
+        class_words = (
+            "".join(f"only {observations.point_class_names[index]}" for index in classes) or "no class"
+        )
+        raise CalibrationError(f"no initial calibration: found points of {class_words}, expected two classes")
     around = None if T_start is None else (T_start, math.radians(config.search_deg or 0.0))
     return _align(observations, register(observations, config, seed, around), config, seed)
 

@@ -49,10 +49,10 @@ class FrameScores:
         scores, counts = np.zeros((num_frames, 6)), np.bincount(frames, minlength=num_frames)
         covariances = np.zeros((num_frames, 6, 6))
         for frame in np.flatnonzero(counts > 1).tolist():
-            of_frame = squares[frames == frame]
-            centred = of_frame - of_frame.mean(axis=0)
-            scores[frame] = of_frame.sum(axis=0)
-            covariances[frame] = centred.T @ centred * len(of_frame) / (len(of_frame) - 1)
+            frame_squares = squares[frames == frame]
+            centred = frame_squares - frame_squares.mean(axis=0)
+            scores[frame] = frame_squares.sum(axis=0)
+            covariances[frame] = centred.T @ centred * len(frame_squares) / (len(frame_squares) - 1)
         typical = covariances.mean(axis=0) * (counts / counts.mean())[:, None, None]
         # A frame without points has neither a score nor a scatter, and must not divide by zero.
         typical[counts == 0] = covariances.mean(axis=0)

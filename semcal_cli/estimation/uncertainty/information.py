@@ -113,7 +113,7 @@ def paired_gain(before: InformationBySquares, after: InformationBySquares) -> co
 def sigmas_behind(observations: Observations, T_camera_lidar: Pose, rivals: Sequence[Pose]) -> list[float]:
     """Compute the standard errors by which rivals (4, 4) are behind a pose (4, 4); 0 if too few squares are seen."""
     gains = core.information_gains(observations.core, T_camera_lidar, rivals)
-    return [-gain.gain / max(gain.sigma, 1e-12) if math.isfinite(gain.sigma) else 0.0 for gain in gains]
+    return [-gain.significance if math.isfinite(gain.sigma) else 0.0 for gain in gains]
 
 
 def information_by_frame(joints: Numbers, table: Numbers) -> Numbers:

@@ -188,8 +188,8 @@ class Sensitivity:
         for index, curvature in enumerate(self.class_curvatures):
             leverages, axes = np.linalg.eigh(basis.T @ curvature @ basis)
             more = 1.0 / (1.0 - np.clip(leverages, 0.0, MAX_LEVERAGE)) - 1.0
-            of_class = self.classes == index
-            scores[of_class] += self.scores[of_class] @ (basis @ (axes * more) @ axes.T @ back.T)
+            in_class = self.classes == index
+            scores[in_class] += self.scores[in_class] @ (basis @ (axes * more) @ axes.T @ back.T)
         return scores
 
 
@@ -254,19 +254,19 @@ def sensitivity(
     Returns:
         The sensitivity; None if no variable changes the mutual information.
     """
-    of_core = core.sensitivity(observations.core, T_camera_lidar, config, intrinsics, twists_per_s)
-    if of_core is None:
+    measured = core.sensitivity(observations.core, T_camera_lidar, config, intrinsics, twists_per_s)
+    if measured is None:
         return None
-    of_scenes = of_core.parts[:, :3].copy()
-    of_scenes[:, 0] = np.array(observations.scene_numbers)[of_scenes[:, 0]]
-    squares, places = np.unique(of_scenes, axis=0, return_inverse=True)
+    scene_squares = measured.parts[:, :3].copy()
+    scene_squares[:, 0] = np.array(observations.scene_numbers)[scene_squares[:, 0]]
+    squares, places = np.unique(scene_squares, axis=0, return_inverse=True)
     return Sensitivity(
-        curvature=of_core.curvature,
-        class_curvatures=of_core.class_curvatures,
-        scores=of_core.scores,
+        curvature=measured.curvature,
+        class_curvatures=measured.class_curvatures,
+        scores=measured.scores,
         squares=places.ravel(),
-        classes=of_core.parts[:, 3].astype(np.intp),
-        motions=of_core.motions,
+        classes=measured.parts[:, 3].astype(np.intp),
+        motions=measured.motions,
         num_squares=len(squares),
     )
 
@@ -316,10 +316,13 @@ class Measurement(NamedTuple):
 
         Only the scatter of the labels is estimated, and not the part that systematic errors make.
         """
-        gain, of_labels = self._weight @ self.reads @ covariance, covariance @ self.information @ covariance
+        gain, label_covariance = (
+            self._weight @ self.reads @ covariance,
+            covariance @ self.information @ covariance,
+        )
         if self.systematic is not None:
-            of_labels = of_labels - gain.T @ self.systematic @ gain
-        share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
+            label_covariance = label_covariance - gain.T @ self.systematic @ gain
+        share = np.diag(label_covariance) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
         estimated = self.scatter.along(gain).degrees_of_freedom
         return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
 

@@ -103,22 +103,22 @@ def estimate_mounting(drive: Drive) -> VehicleMounting:
             "expected level ground on several sides"
         )
     places = _places([sweeps[index] for index in found], _mean_ground(planes))
-    of_scenes = [
+    scene_grounds = [
         _mean_ground([ground for ground, own in zip(planes, places, strict=True) if own == place])
         for place in sorted(set(places))
     ]
-    height_m = trimmed_mean(np.array([ground.height_m for ground in of_scenes]))
+    height_m = trimmed_mean(np.array([ground.height_m for ground in scene_grounds]))
     if height_m.value < MIN_HEIGHT_M:
         raise CalibrationError(
             f"{drive.path}: found the LiDAR {height_m.value:.2f} m above the ground, needed {MIN_HEIGHT_M:g} m or "
             "more: clouds must be in the LiDAR's own frame, not in one of the vehicle"
         )
-    roll_rad, pitch_rad, up = _mean_tilt(of_scenes)
+    roll_rad, pitch_rad, up = _mean_tilt(scene_grounds)
     travel, no_yaw = _travel(drive, up)
     if travel is not None:
         travel = travel._replace(yaw_rad=_with_tilt(travel.yaw_rad, roll_rad, pitch_rad))
     return VehicleMounting(
-        up, roll_rad, pitch_rad, height_m, travel, no_yaw, len(planes), len(sweeps), len(of_scenes)
+        up, roll_rad, pitch_rad, height_m, travel, no_yaw, len(planes), len(sweeps), len(scene_grounds)
     )
 
 

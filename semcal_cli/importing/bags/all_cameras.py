@@ -64,9 +64,11 @@ def import_cameras(
     done: dict[str, ImportedDrive] = {}
     for name, topic in zip(names, images, strict=True):
         first = next(iter(done.values()), None)
-        of_camera = replace(request, image=topic.name, sweeps_ns=None if first is None else first.sweeps_ns)
+        camera_request = replace(
+            request, image=topic.name, sweeps_ns=None if first is None else first.sweeps_ns
+        )
         try:
-            done[name] = import_bag(of_camera, out / f"{name}.yaml", on_event, force=force)
+            done[name] = import_bag(camera_request, out / f"{name}.yaml", on_event, force=force)
         except InputError as error:
             kept = f"; the drives of {', '.join(done)} are there" if done else ""
             raise InputError(f"{topic.name}: {error}{kept}") from None

@@ -231,8 +231,8 @@ class Audit:
         num_holding = of_drives.count("pass")
         if not num_holding:
             return "no drive shows whether the delivered calibration holds"
-        of_all = f"{num_holding} of {counted(len(of_drives), 'drive')}"
-        return f"the delivered calibration holds in {of_all}, and is off in none"
+        holding = f"{num_holding} of {counted(len(of_drives), 'drive')}"
+        return f"the delivered calibration holds in {holding}, and is off in none"
 
     @property
     def document(self) -> dict[str, Any]:

@@ -227,9 +227,9 @@ class ImagePair:
         if not self.matches:
             return None
         T_source, T_to = poses[self.source], poses[self.to]
-        of_frames = [matches.points(T_source, T_to) for matches in self.matches]
-        frames = np.repeat(np.arange(len(of_frames)), [len(rays) for _, rays in of_frames])
-        points, rays = (np.concatenate(parts) for parts in zip(*of_frames, strict=True))
+        point_rays = [matches.points(T_source, T_to) for matches in self.matches]
+        frames = np.repeat(np.arange(len(point_rays)), [len(rays) for _, rays in point_rays])
+        points, rays = (np.concatenate(parts) for parts in zip(*point_rays, strict=True))
         relative = fit_relative_pose(T_to @ inverse(T_source), points, rays)
         if relative is None:
             return None
@@ -271,7 +271,7 @@ def pair_images(drives: Mapping[str, Drive], poses: Mapping[str, Pose], sweeps: 
             pairs.append(ImagePair((source, images[source]), (to, images[to])))
         except InputError as error:
             notes[f"images of {source} and {to} were not matched: {error}"] = None
-    files = dict.fromkeys(file for of_camera in images.values() for file in of_camera.files())
+    files = dict.fromkeys(file for camera_images in images.values() for file in camera_images.files())
     return PairedImages(tuple(pairs), tuple(files), tuple(notes))
 
 
@@ -301,8 +301,8 @@ def _detect(drive: Drive, image: Array, mask: Array) -> tuple[Rays, Array]:
     scale = min(1.0 / (math.radians(PIXEL_DEG) * lens.pixels_per_radian), 1.0)
     size = tuple(max(round(scale * side), 1) for side in drive.camera.size)
     gray = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
-    of_scene = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    points, descriptors = cv2.SIFT.create(NUM_FEATURES).detectAndCompute(gray, of_scene)
+    small_mask = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    points, descriptors = cv2.SIFT.create(NUM_FEATURES).detectAndCompute(gray, small_mask)
     if not points:
         return np.zeros((0, 3)), np.zeros((0, 128), np.float32)
     per_pixel = np.array(drive.camera.size) / size

@@ -96,9 +96,9 @@ class RigCalibration:
             *(constraint.reason for constraint in self.contradictions),
             *(shown.reason for shown in self.contradicted_images),
         )
-        of_lidars = ((lidar.name, reason) for lidar in self.lidars for reason in lidar.reasons)
+        lidar_reasons = ((lidar.name, reason) for lidar in self.lidars for reason in lidar.reasons)
         return contradictions + tuple(
-            f"{name}: {reason}" for name, reason in of_lidars if reason not in contradictions
+            f"{name}: {reason}" for name, reason in lidar_reasons if reason not in contradictions
         )
 
     @property
@@ -175,8 +175,8 @@ def combine(
             reference = Reference(T_a_b, rig.path.name)
         elif T_a is not None and T_b is not None:
             reference = Reference(np.array(T_a) @ inverse(np.array(T_b)), "T_camera_lidar of both drives")
-        of_both = None if adjustment is None else adjustment.covariance_of(a, b)
-        pair = make_pair(a, cameras[a], b, cameras[b], reference, of_both)
+        pair_covariance = None if adjustment is None else adjustment.covariance_of(a, b)
+        pair = make_pair(a, cameras[a], b, cameras[b], reference, pair_covariance)
         is_doubted = pair.is_doubted or not {a, b}.isdisjoint(doubted)
         pairs.append(replace(pair, is_doubted=is_doubted))
     return RigCalibration(

@@ -237,8 +237,8 @@ class Rig(StrictModel):
             check_one_lidar(f"{self._path}: {key}", own, constrained)
         check_cameras(self._path, {name: (view.camera, drives[name]) for name, view in views.items()})
         if self.lidars:
-            of_views = {name: (view.camera, view.lidar, drives[name]) for name, view in views.items()}
-            check_lidars(self._path, of_views)
+            view_drives = {name: (view.camera, view.lidar, drives[name]) for name, view in views.items()}
+            check_lidars(self._path, view_drives)
         return drives
 
     def reference(self, to: str, other: str) -> Pose | None:

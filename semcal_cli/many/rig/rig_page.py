@@ -91,8 +91,8 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         widths = [max(axis) for axis in zip(*half_widths, strict=True)]
         sure = f"each is known to {widest(widths)} or better" if half_widths else ""
         all_of_them = "Both" if len(statuses) == 2 else f"All {len(statuses)}"
-        of_them = f"calibrations of {len(rig.lidars) + 1} LiDARs" if rig.lidars else "cameras"
-        return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} {of_them} are trusted.", sure)
+        sensors = f"calibrations of {len(rig.lidars) + 1} LiDARs" if rig.lidars else "cameras"
+        return PageVerdict("trusted", "The rig is trusted", f"{all_of_them} {sensors} are trusted.", sure)
     worst, is_failed = names[rig.status], rig.status == "failed"
     if not worst:
         title = "The cameras contradict a constraint"
@@ -138,8 +138,8 @@ def _how_sure(calibration: CalibrationDocument) -> str:
 
 def _around_one_lidar(rig: RigCalibration) -> list[str]:
     """Select the calibrations of one LiDAR, the first one that has any, as only their poses are in one frame."""
-    of_lidars = ([*rig.first_cameras], *([*lidar.views.values()] for lidar in rig.lidars))
-    return next(names for names in ([*filter(rig.cameras.get, views)] for views in of_lidars) if names)
+    lidar_views = ([*rig.first_cameras], *([*lidar.views.values()] for lidar in rig.lidars))
+    return next(names for names in ([*filter(rig.cameras.get, views)] for views in lidar_views) if names)
 
 
 def _camera_views(

@@ -301,7 +301,7 @@ def read_rig_result(
     lidars = tuple(
         lidar.calibration(name, rig, drives, result.adjustment) for name, lidar in result.lidars.items()
     )
-    of_rig = combine(
+    calibration = combine(
         rig,
         drives,
         cameras,
@@ -312,7 +312,7 @@ def read_rig_result(
         result.images,
         result.image_notes,
     )
-    return of_rig, files
+    return calibration, files
 
 
 def _check_images(result: RigResult, path: Path) -> None:

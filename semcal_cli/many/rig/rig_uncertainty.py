@@ -52,19 +52,19 @@ def adjusted_sensor(name: str, estimate: RigEstimate) -> AdjustedSensor:
     parts = {source: _carried(gain, estimate.own_covariance(source)) for source, gain in gains.items()}
     weights = _weights(parts, np.diag(alone))
     of_K = estimate.gain[place, estimate.place_of_intrinsics]
-    of_intrinsics, spread = of_K @ of_K.T, np.zeros(NUM_AXES)
-    covariance = estimate.of_constraints[place, place] + of_intrinsics
+    intrinsics_covariance, spread = of_K @ of_K.T, np.zeros(NUM_AXES)
+    covariance = estimate.of_constraints[place, place] + intrinsics_covariance
     for source, weight in weights.items():
         covariance += parts[source] / weight
         variances = gains[source] ** 2 * np.diag(estimate.own_covariance(source))
         # Satterthwaite's degrees of freedom of a sum; constraints and errors of intrinsics have infinitely many.
         degrees = variances @ estimate.own_degrees(source) / np.maximum(variances.sum(axis=1), TINY)
         spread += (np.diag(parts[source]) / weight) ** 2 / np.maximum(degrees, 1.0)
-        of_intrinsics += _carried(gains[source], _own_of_intrinsics(source, estimate)) / weight
+        intrinsics_covariance += _carried(gains[source], _own_of_intrinsics(source, estimate)) / weight
     freedom = np.clip(np.diag(covariance) ** 2 / np.maximum(spread, TINY), 1.0, MANY)
     adjusted = Uncertainty.from_covariance(pose, symmetric(covariance), freedom)
     kept: dict[str, object] = {
-        "covariance_of_intrinsics": rows(of_intrinsics) if of_intrinsics.any() else None
+        "covariance_of_intrinsics": rows(intrinsics_covariance) if intrinsics_covariance.any() else None
     }
     if own is not None and own.uncertainty is not None:
         kept |= {part: getattr(own.uncertainty, part) for part in ("label_bleed", "intrinsics_cost")}

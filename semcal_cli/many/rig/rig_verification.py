@@ -87,8 +87,8 @@ class RigVerification:
         names = [*self.failures] or [
             name for name, verification in self.verifications.items() if verification.verdict == self.verdict
         ]
-        of_all = self._counted(len(self.views))
-        return of_all if len(names) == len(self.views) else f"{', '.join(names)}, of {of_all}"
+        all_cameras = self._counted(len(self.views))
+        return all_cameras if len(names) == len(self.views) else f"{', '.join(names)}, of {all_cameras}"
 
     @property
     def failure(self) -> str:
@@ -115,8 +115,8 @@ class RigVerification:
     @property
     def topics(self) -> tuple[str, ...]:
         """Topic of each of the reasons: its entry in docs/troubleshooting.md."""
-        of_transforms = (topic for found in self.verifications.values() for topic in found.topics)
-        return (*(MOVED_SENSOR for _ in self.moved_sensors), *of_transforms)
+        transform_topics = (topic for found in self.verifications.values() for topic in found.topics)
+        return (*(MOVED_SENSOR for _ in self.moved_sensors), *transform_topics)
 
     @cached_property
     def moved_sensors(self) -> tuple[MovedSensor, ...]:

@@ -142,8 +142,8 @@ def _are_of_one(
     if not files.keys().isdisjoint(others):
         return True
     sizes = {*files.values()}.intersection(others.values())
-    of_others = {key_of(path) for path, size in others.items() if size in sizes}
-    copies = [path for path, size in files.items() if size in sizes and key_of(path) in of_others]
+    other_keys = {key_of(path) for path, size in others.items() if size in sizes}
+    copies = [path for path, size in files.items() if size in sizes and key_of(path) in other_keys]
     return len(copies) > len(files) / 2
 
 

@@ -254,9 +254,9 @@ def stiffness(H: Matrix, ranges_squared: float) -> Numbers:
     Returns:
         Three eigenvalues against shifts, in whatever way the sweep turns with them, and three against turns, likewise.
     """
-    of_turns, of_shifts, mixed = H[:3, :3], H[3:, 3:], H[3:, :3]
-    against_shifts = of_shifts - mixed @ np.linalg.pinv(of_turns) @ mixed.T
-    against_turns = of_turns - mixed.T @ np.linalg.pinv(of_shifts) @ mixed
+    turn_block, shift_block, mixed = H[:3, :3], H[3:, 3:], H[3:, :3]
+    against_shifts = shift_block - mixed @ np.linalg.pinv(turn_block) @ mixed.T
+    against_turns = turn_block - mixed.T @ np.linalg.pinv(shift_block) @ mixed
     return np.concatenate(
         [np.linalg.eigvalsh(against_shifts), np.linalg.eigvalsh(against_turns) / ranges_squared]
     )

@@ -59,21 +59,21 @@ def observe_features(
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
-    of_points = [_of_points(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
-    of_images = [_of_image(drive, frame) for frame in drive.frames]
-    for key, vectors in (("point_features", of_points), ("image_features", of_images)):
-        for frame, of_frame in zip(drive.frames, vectors, strict=True):
-            if of_frame.shape[-1] != vectors[0].shape[-1]:
+    point_features = [_of_points(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
+    image_features = [_of_image(drive, frame) for frame in drive.frames]
+    for key, vectors in (("point_features", point_features), ("image_features", image_features)):
+        for frame, frame_features in zip(drive.frames, vectors, strict=True):
+            if frame_features.shape[-1] != vectors[0].shape[-1]:
                 where = drive.resolve(str(getattr(frame, key)))
                 raise InputError(
-                    f"{where}: found {counted(of_frame.shape[-1], 'channel')}, needed {vectors[0].shape[-1]}"
+                    f"{where}: found {counted(frame_features.shape[-1], 'channel')}, needed {vectors[0].shape[-1]}"
                 )
     labelled = [
         LabelledCloud(sweep.points, codes, vectors=scaled)
-        for sweep, (scaled, codes) in zip(moved, _coded("points", of_points, config), strict=True)
+        for sweep, (scaled, codes) in zip(moved, _coded("points", point_features, config), strict=True)
     ]
     images = []
-    for scaled, codes in _coded("pixels", of_images, config):
+    for scaled, codes in _coded("pixels", image_features, config):
         block = drive.camera.width // scaled.shape[1]
         images.append(LabelledImage(codes.repeat(block, axis=0).repeat(block, axis=1), vectors=scaled))
     names = [str(code) for code in range(config.num_codes)]
@@ -123,7 +123,7 @@ def _coded(
 
     rng = np.random.default_rng(0)
     share = max(1, SAMPLES // len(vectors))
-    flat = [of_frame.reshape(-1, of_frame.shape[-1]) for of_frame in vectors]
+    flat = [frame_features.reshape(-1, frame_features.shape[-1]) for frame_features in vectors]
     some = np.concatenate([rows[rng.integers(len(rows), size=share)] for rows in flat]).astype(np.float64)
     if not np.isfinite(some).all():
         raise InputError(f"features of {side}: found values that are not finite, expected numbers")
@@ -138,8 +138,8 @@ def _coded(
             some, some[rng.permutation(len(some))[: config.num_codes]], config.iterations, minit="matrix"
         )
 
-    def coded(of_frame: Features) -> tuple[Features, npt.NDArray[np.uint8]]:
-        scaled = ((of_frame - mean) / spread).astype(np.float16)
+    def coded(frame_features: Features) -> tuple[Features, npt.NDArray[np.uint8]]:
+        scaled = ((frame_features - mean) / spread).astype(np.float16)
         if not np.isfinite(scaled).all():
             raise InputError(f"features of {side}: found values that are not finite, expected numbers")
         codes, _ = vq(scaled.reshape(-1, scaled.shape[-1]).astype(np.float32), centres.astype(np.float32))

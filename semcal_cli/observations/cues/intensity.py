@@ -83,29 +83,29 @@ def observe_intensity(
         return intensities if is_raw else _contrast_of_points(drive.rays(points), intensities, config)
 
     with thread_pool() as pool:
-        of_pixels = list(pool.map(pixels_of, drive.frames, masks))
-        of_points = list(pool.map(points_of, drive.frames, clouds, [sweep.points for sweep in moved]))
-    point_limits = _limits(drive, "intensity", np.concatenate(of_points), config)
+        pixel_values = list(pool.map(pixels_of, drive.frames, masks))
+        point_values = list(pool.map(points_of, drive.frames, clouds, [sweep.points for sweep in moved]))
+    point_limits = _limits(drive, "intensity", np.concatenate(point_values), config)
     # Each image has its own exposure, unless it is raw; the sensor's intensity has a single scale.
-    pixels = [image[mask] for image, mask in zip(of_pixels, masks, strict=True)]
-    compared = [np.concatenate(pixels)] * len(of_pixels) if is_raw else pixels
+    pixels = [image[mask] for image, mask in zip(pixel_values, masks, strict=True)]
+    compared = [np.concatenate(pixels)] * len(pixel_values) if is_raw else pixels
     images = []
-    for image, mask, values in zip(of_pixels, masks, compared, strict=True):
+    for image, mask, values in zip(pixel_values, masks, compared, strict=True):
         levels = np.digitize(image, _limits(drive, "grey", values, config))
         classes = np.where(mask, levels, NO_CLASS).astype(np.uint8)
         images.append(LabelledImage(classes, blur_px=None if is_raw else 0.0))
     labelled = [
         LabelledCloud(sweep.points, np.digitize(values, point_limits).astype(np.uint8))
-        for sweep, values in zip(moved, of_points, strict=True)
+        for sweep, values in zip(moved, point_values, strict=True)
     ]
     if is_raw:
         labelled = [
             replace(cloud, vectors=vectors)
-            for cloud, vectors in zip(labelled, _standardized(of_points), strict=True)
+            for cloud, vectors in zip(labelled, _standardized(point_values), strict=True)
         ]
         images = [
             replace(image, vectors=vectors)
-            for image, vectors in zip(images, _standardized(of_pixels), strict=True)
+            for image, vectors in zip(images, _standardized(pixel_values), strict=True)
         ]
     names = [str(level) for level in range(config.num_levels)]
     return make_observations(drive, clouds, moved, labelled, images, (names, names))
@@ -113,9 +113,9 @@ def observe_intensity(
 
 def _standardized(values: Sequence[Numbers]) -> list[npt.NDArray[np.float16]]:
     """Scale the values of all frames to zero mean and unit variance, each as a vector of one channel."""
-    pooled = np.concatenate([of_frame.ravel() for of_frame in values])
+    pooled = np.concatenate([frame_values.ravel() for frame_values in values])
     mean, spread = pooled.mean(), pooled.std()
-    return [((of_frame - mean) / spread)[..., None].astype(np.float16) for of_frame in values]
+    return [((frame_values - mean) / spread)[..., None].astype(np.float16) for frame_values in values]
 
 
 def _intensity(drive: Drive, frame: Frame, cloud: SweepCloud) -> Numbers:

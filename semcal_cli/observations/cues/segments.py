@@ -80,7 +80,7 @@ def observe_segments(
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
     points = [sweep.points for sweep in moved]
-    rays = [drive.rays(of_sweep) for of_sweep in points]
+    rays = [drive.rays(sweep_points) for sweep_points in points]
     segmented = core.segment_sweeps(rays, config.segmentation)
     if not any(sweep.num_segments for sweep in segmented):
         raise CalibrationError(f"{drive.path}: found no segments in any sweep, expected ground or objects")
