@@ -30,7 +30,8 @@ from semcal_cli.files.output_files import write_bytes
 from semcal_cli.importing.recognition import Recognised, recognise
 
 if TYPE_CHECKING:
-    from semcal_cli.cli.calibrate_options import CalibrateSettings, RecordingSettings
+    from semcal_cli.cli.calibrate_options import CalibrateSettings
+    from semcal_cli.cli.options import RecordingSettings
     from semcal_cli.cli.terminal import Terminal
 
 OF_RECORDINGS, OF_DATASETS = ("--points", "--image", "--intrinsics"), ("--sequence", "--camera")
