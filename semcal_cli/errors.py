@@ -13,7 +13,6 @@ import re
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -223,6 +222,8 @@ def describe_extra(extra: str) -> str:
 
 def _requirement(extra: str) -> str:
     """Name semcal with an extra as pip does: an index knows no address, and pip notes any other (PEP 610)."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
     try:
         record = distribution("semcal").read_text("direct_url.json")
     except PackageNotFoundError:  # its sources, which nobody installed

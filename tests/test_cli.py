@@ -24,6 +24,7 @@ import semcal_cli
 from semcal_cli import core
 from semcal_cli.cli import EXIT_FAILURE, SECTIONS, semcal
 from semcal_cli.cli.examples import examples_of
+from semcal_cli.cli.terminal import OF_TERMINALS
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.result.calibration_document import write_calibration
@@ -146,6 +147,25 @@ def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
         [sys.executable, "-c", script], check=True, capture_output=True, text=True, cwd=tmp_path
     )
     assert "calibrate" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_calibration_by_labels_imports_only_what_it_uses(street: Path, tmp_path: Path) -> None:
+    """Its output is a pipe: a terminal needs rich."""
+    script = (
+        "import sys; from semcal_cli.cli import run; assert not run(sys.argv[1:]).exit_code; "
+        "others = 'rich', 'PIL', 'ssl', 'matplotlib', 'jinja2', 'torch', 'scipy', 'semcal_cli.formats', "
+        "'semcal_cli.labelling', 'semcal_cli.synthetic', 'semcal_cli.importing.recording'; "
+        "print([name for name in others if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, "calibrate", street, "-o", "out.yaml"],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={name: value for name, value in os.environ.items() if name not in OF_TERMINALS},
+    )
     assert done.stdout.splitlines()[-1] == "[]"
 
 

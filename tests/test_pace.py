@@ -4,7 +4,16 @@ import pytest
 from rich.console import Console
 
 from semcal_cli.cli import terminal
-from semcal_cli.cli.terminal import MAX_RUNNING, Terminal, clock_time, live_lines, running_lines, time_left
+from semcal_cli.cli.terminal import (
+    MAX_RUNNING,
+    OF_TERMINALS,
+    PlainConsole,
+    Terminal,
+    clock_time,
+    live_lines,
+    running_lines,
+    time_left,
+)
 from semcal_cli.events import Progress
 from semcal_cli.many.batch.pace import Pace
 
@@ -90,6 +99,30 @@ def test_lines_are_live_on_a_terminal_only(capsys: pytest.CaptureFixture[str]) -
         shown = capsys.readouterr().out
         assert ("0:00  the drive with a " in shown) == expected
         assert "long name" not in shown
+
+
+def test_a_pipe_gets_the_lines_that_rich_would_print(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An empty FORCE_COLOR lets rich decide, which takes the pipe for none of its terminals either."""
+
+    def printed() -> tuple[bool, str]:
+        for is_quiet in (False, True):
+            shown = Terminal(quiet=is_quiet)
+            shown.print("[bold]a :smile: +- 1", "b" * 200)
+            shown.print_verdict("verdict    trusted:\n           5 mm", "trusted")
+        return isinstance(shown.console, PlainConsole), capsys.readouterr().err
+
+    for name in OF_TERMINALS:
+        monkeypatch.delenv(name, raising=False)
+    is_plain, plain = printed()
+    monkeypatch.setenv("FORCE_COLOR", "")
+    is_still_plain, by_rich = printed()
+    assert (is_plain, is_still_plain) == (True, False)
+    assert by_rich == plain
+    assert plain.count("verdict") == 2
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert "\x1b[1;32mverdict" in printed()[1]
 
 
 def test_counted_work_has_a_bar_and_the_time_left(

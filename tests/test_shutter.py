@@ -12,7 +12,8 @@ from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.motion_unstated import check_shutter, check_unstated
 from semcal_cli.config import AdjustmentConfig, CalibrationConfig, RefinementConfig
-from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
+from semcal_cli.config.directions import ReadoutDirection
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.stated_motion import Motion

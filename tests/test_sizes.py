@@ -16,7 +16,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files import rows
 from semcal_cli.files.documents import parse
-from semcal_cli.files.image_files import read_image, read_size
+from semcal_cli.files.image_files import holds_colors, read_image, read_size
 from semcal_cli.files.input_files import read_bytes, read_text
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.yaml_values import MAX_DEPTH
@@ -77,6 +77,31 @@ def test_sizes_are_read_from_headers(suffix: str, tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:16])
     with pytest.raises(InputError, match="found a damaged image, expected an intact one"):
         read_image(path, (34, 21))
+
+
+@pytest.mark.parametrize(
+    ("place", "byte"),
+    [(11, b"\x0c"), (12, b"X"), (19, b"\0"), (27, b"\1")],
+    ids=["length", "name", "no columns", "filter"],
+)
+def test_the_first_chunk_of_a_png_is_that_of_the_standard(place: int, byte: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), np.zeros((2, 3), np.uint8))
+    assert read_size(path) == (3, 2)
+    content = path.read_bytes()
+    path.write_bytes(content[:place] + byte + content[place + 1 :])
+    with pytest.raises(InputError, match="found a damaged image, expected an intact one"):
+        read_size(path)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_colours_of_a_png_are_told_by_its_header(channels: int, kind: type, tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), np.zeros((2, 3, channels), kind))
+    assert holds_colors(path) == (channels > 1)
+    path.write_bytes(path.read_bytes()[:20])
+    assert not holds_colors(path)
 
 
 @pytest.mark.parametrize("content", [png(12_000, 9_000, 1), jpeg(12_000, 9_000), bmp(12_000, 9_000)])

@@ -25,8 +25,6 @@ from semcal_cli.plugins import PluginWarning
 from semcal_cli.readable import for_people
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
-GARBAGE_AFTER = 50_000
-"""Number of new objects after which Python collects garbage, instead of 700."""
 ARENA_MAX = -8
 """Parameter of glibc's `mallopt`: the number of memory arenas, by default eight per core."""
 
@@ -132,8 +130,6 @@ class Ending(NamedTuple):
 
 def main() -> None:
     """Run the command line."""
-    # Imports create many objects and no garbage.
-    gc.set_threshold(GARBAGE_AFTER)
     exit_code = run(sys.argv[1:]).exit_code
     # The operating system frees what is left: Python need not search it for garbage first.
     gc.freeze()
@@ -147,6 +143,10 @@ def run(arguments: Sequence[str]) -> Ending:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     # NumPy and SciPy each start a thread pool for matrices; ours are small, and idle threads slow the core down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # pydantic would search all installed packages for its plugins, which takes 13 ms.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # Matplotlib would look for a display, and import what draws on it.
+    os.environ.setdefault("MPLBACKEND", "agg")
     _limit_arenas()
     # NumPy need not warn about overflow: results are checked.
     warnings.simplefilter("ignore", RuntimeWarning)

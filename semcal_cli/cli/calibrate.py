@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import click
 
 from semcal_cli.cli.calibrate_options import CalibrateSettings
-from semcal_cli.cli.label import label_on_the_way
+from semcal_cli.cli.image_networks import label_on_the_way
 from semcal_cli.cli.settings_command import command
 from semcal_cli.errors import NoStartError, shell
+
+if TYPE_CHECKING:
+    from semcal_cli.drive.document import Drive
 
 
 @command(CalibrateSettings)
@@ -52,7 +56,9 @@ def calibrate(settings: CalibrateSettings) -> None:
                 output = drive.argument.with_name(f"{drive.argument.name}_labelled")
                 terminal.print(labelled("same as", shell("label", drive.argument, *names, "-o", output)))
             settings = replace(settings, drive=labelled_drive, frames=None, exclude=())
-        sys.exit(_calibrate_drive(settings, names_commands=is_imported))
+        sys.exit(
+            _calibrate_drive(settings, None if settings.image_model else drive, names_commands=is_imported)
+        )
     except NoStartError as error:
         raise advised(error, drive) from None
 
@@ -69,13 +75,13 @@ def _without_unasked_file(settings: CalibrateSettings) -> CalibrateSettings:
     return replace(settings, output=None) if is_printed and not _has_output() else settings
 
 
-def _calibrate_drive(settings: CalibrateSettings, *, names_commands: bool) -> int:
-    """Calibrate one camera, write the result, and return the exit code."""
+def _calibrate_drive(settings: CalibrateSettings, drive: Drive | None, *, names_commands: bool) -> int:
+    """Calibrate one camera, write the result, and return the exit code; a drive is given if it is read and checked."""
     from semcal_cli.cli.outputs import loaded_drive
 
     outputs, initial_pose = replace(settings.outputs, names_commands=names_commands), settings.initial_pose
     run = settings.calibration()
-    with loaded_drive(settings, settings.config, outputs, initial_pose) as (data, terminal):
+    with loaded_drive(settings, settings.config, outputs, initial_pose, drive=drive) as (data, terminal):
         calibration = run(data, on_event=terminal.on_event)
         calibration = outputs.with_provenance(calibration, data, initial_pose)
     return outputs.write(calibration, terminal, settings.threads, data.drive)

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from semcal_cli.cli.convert import WrittenSettings
-from semcal_cli.cli.label import ImageSettings
-from semcal_cli.cli.options import ResultSettings, result_file
+from semcal_cli.cli.image_networks import ImageSettings
+from semcal_cli.cli.options import RecordingSettings, ResultSettings, result_file
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import argument, option, output_file, setting_of
 from semcal_cli.cli.stage_options import (
@@ -22,6 +21,7 @@ from semcal_cli.cli.stage_options import (
     SearchSettings,
     as_far_as_named,
 )
+from semcal_cli.cli.written_format import WrittenSettings
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
 from semcal_cli.config.mine_config import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.config.setting import settings_of
@@ -70,26 +70,6 @@ class OwnTransformSettings:
     is_from_nothing: bool = option(
         "Do not start from the transform that a recording or a drive states.", "--from-nothing", default=False
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordingSettings:
-    """Options for a recording or a data set in the place of a drive."""
-
-    section = "Recordings and data sets"
-    points: str | None = option(
-        "Topic of a recording's sweeps; needed if there are several.", metavar="TOPIC"
-    )
-    image: str | None = option("Topic of a recording's images; needed if there are several.", metavar="TOPIC")
-    camera_file: Path | None = option(
-        "Take a recording's intrinsics from a file: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
-        "--intrinsics",
-        metavar="FILE",
-    )
-    sequence: str | None = option(
-        "Name of a data set's sequence; needed if there are several.", metavar="NAME"
-    )
-    camera: str | None = option("Name of a data set's camera.", metavar="NAME")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.import_bag import BagSettings, import_recording
-from semcal_cli.cli.import_datasets import OWN_SETTINGS, DatasetSettings, import_dataset
 from semcal_cli.cli.output_checks import check_image_folder, check_outputs, check_page, folder_of
 from semcal_cli.cli.rules import COMMANDLINE, refuse
 from semcal_cli.cli.settings_command import typed_words, without_option
@@ -32,7 +30,8 @@ from semcal_cli.files.output_files import write_bytes
 from semcal_cli.importing.recognition import Recognised, recognise
 
 if TYPE_CHECKING:
-    from semcal_cli.cli.calibrate_options import CalibrateSettings, RecordingSettings
+    from semcal_cli.cli.calibrate_options import CalibrateSettings
+    from semcal_cli.cli.options import RecordingSettings
     from semcal_cli.cli.terminal import Terminal
 
 OF_RECORDINGS, OF_DATASETS = ("--points", "--image", "--intrinsics"), ("--sequence", "--camera")
@@ -156,6 +155,8 @@ def _import(
     is_temporary: bool = False,
 ) -> None:
     """Make the drive of a recording or a data set."""
+    from semcal_cli.cli.import_datasets import OWN_SETTINGS, DatasetSettings, import_dataset
+
     about: dict[str, Any] = {"output": drive, "quiet": terminal.console.quiet}
     read = source.root if is_temporary else None
     if source.is_recording:
@@ -245,6 +246,8 @@ def _import_recording(
     read: Path | None,
 ) -> None:
     """Make the drive of a recording, with the motion by its sweeps where the library for it is installed."""
+    from semcal_cli.cli.import_bag import BagSettings, import_recording
+
     has_odometry = is_installed(ODOMETRY)
     chosen = {"points": settings.points, "image": settings.image, "intrinsics": settings.camera_file}
     bag = BagSettings(paths=(path,), odometry=has_odometry, **chosen | about)

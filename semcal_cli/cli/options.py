@@ -228,3 +228,23 @@ class LimitSettings:
 
     max_translation_m: float = limit("camera", Limits.translation_m, "M", above=0.0)
     max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", above=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingSettings:
+    """Options for a recording or a data set in the place of a drive."""
+
+    section = "Recordings and data sets"
+    points: str | None = option(
+        "Topic of a recording's sweeps; needed if there are several.", metavar="TOPIC"
+    )
+    image: str | None = option("Topic of a recording's images; needed if there are several.", metavar="TOPIC")
+    camera_file: Path | None = option(
+        "Take a recording's intrinsics from a file: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
+        "--intrinsics",
+        metavar="FILE",
+    )
+    sequence: str | None = option(
+        "Name of a data set's sequence; needed if there are several.", metavar="NAME"
+    )
+    camera: str | None = option("Name of a data set's camera.", metavar="NAME")

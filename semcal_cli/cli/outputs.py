@@ -295,6 +295,7 @@ def loaded_drive(
     initial_pose: InitialPose | None = None,
     sweeps: SweepCache | None = None,
     *,
+    drive: Drive | None = None,
     as_result_sees: bool = False,
 ) -> Iterator[tuple[LoadedDrive, Terminal]]:
     """Check the outputs, load a drive, and show the progress of what is done with it.
@@ -305,6 +306,7 @@ def loaded_drive(
         outputs: Output files, which are checked before any long work begins.
         initial_pose: Pose to start from, whose file no output may replace.
         sweeps: Sweeps that were read before.
+        drive: The drive, if it was read and the outputs were checked before.
         as_result_sees: Whether the drive gets the camera and the clock that were estimated together with the initial
             pose, and is loaded by the cues of that calibration unless others are requested.
 
@@ -312,8 +314,9 @@ def loaded_drive(
         InputError: the drive, one of its files or an output is wrong.
         CalibrationError: one side's labels carry no information.
     """
-    spec = settings.read_drive()
-    outputs.check(spec, initial_pose)
+    if (spec := drive) is None:
+        spec = settings.read_drive()
+        outputs.check(spec, initial_pose)
     set_num_threads(settings.threads)
     with settings.terminal() as terminal:
         if as_result_sees and initial_pose is not None:

@@ -39,8 +39,6 @@ def report(settings: ReportSettings) -> None:
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.output_files import write_text
     from semcal_cli.many.rig.rig_document import find_rig
-    from semcal_cli.many.rig.rig_page import rig_page_html
-    from semcal_cli.many.rig.rig_result import read_rig_files
     from semcal_cli.report import page, read_report_input
     from semcal_cli.threads import set_num_threads
 
@@ -48,6 +46,8 @@ def report(settings: ReportSettings) -> None:
     terminal = settings.terminal()
     rig = find_rig(settings.drive)
     if rig is not None:
+        from semcal_cli.many.rig.rig_result import read_rig_files
+
         refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig.path))
         result, drives, read = read_rig_files(rig, calibration, settings.max_points)
     else:
@@ -58,6 +58,8 @@ def report(settings: ReportSettings) -> None:
     set_num_threads(settings.threads)
     with terminal:
         if rig is not None:
+            from semcal_cli.many.rig.rig_page import rig_page_html
+
             write_text(rig_page_html(result, drives, (str(rig.path), str(read[-1])), terminal.show), output)
         else:
             terminal.show("reading frames")

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import os
 import platform
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.live import Live
-from rich.progress import BarColumn, Progress as ProgressBar, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.text import Text
+import click
 
 from semcal_cli.cli.tables import labelled, wrapped
 from semcal_cli.errors import first_of, printable
 from semcal_cli.events import Event, Progress, StageDone, movement
 from semcal_cli.many.batch.pace import Pace
 from semcal_cli.readable import for_people
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as ProgressBar
+    from rich.text import Text
 
 STAGE_WIDTH = 20
 """Columns for the name and the time of a stage."""
@@ -35,20 +40,44 @@ MAX_RUNNING = 16
 MINUTE_S, HOUR_S = 60.0, 3600.0
 SWITCH = 1.5
 """A time is given in a unit from this multiple of it on."""
+OF_TERMINALS = ("FORCE_COLOR", "TTY_COMPATIBLE")
+"""Environment variables by which rich takes a stream for a terminal, or a terminal for none."""
+
+
+class PlainConsole:
+    """Prints lines to a stream that is no terminal, as rich would, whose import takes 14 ms."""
+
+    is_terminal = False
+
+    def __init__(self, quiet: bool, *, stderr: bool) -> None:
+        self.quiet, self._stderr = quiet, stderr
+
+    def print(self, line: str, *, style: str = "", markup: bool = False) -> None:
+        """Print a line without a style."""
+        if not self.quiet:
+            click.echo(line, err=self._stderr)
 
 
 class Terminal:
     """Shows the events of a calibration on stderr; a context manager that owns the progress line."""
 
     def __init__(self, *, quiet: bool, verbose: bool = False) -> None:
-        self.console = make_console(quiet)
+        self.console = line_console(quiet)
         self.verbose = verbose
         self._stages: list[StageDone] = []
         self._line: ProgressBar | None = None
         self._began, self._began_s = Progress(""), monotonic()
 
     def __enter__(self) -> Terminal:
-        if self.console.is_terminal:
+        if not isinstance(self.console, PlainConsole) and self.console.is_terminal:
+            from rich.progress import (
+                BarColumn,
+                Progress as ProgressBar,
+                SpinnerColumn,
+                TextColumn,
+                TimeElapsedColumn,
+            )
+
             columns = (
                 SpinnerColumn(),
                 TimeElapsedColumn(),
@@ -111,7 +140,7 @@ class Terminal:
     def print_verdict(self, line: str, status: str) -> None:
         """Print the verdict in its colour on a terminal; in one line, if nothing else is printed."""
         text = " ".join(line.split()) if self.console.quiet else line
-        make_console().print(text, style=COLORS[status], markup=False)
+        line_console().print(text, style=COLORS[status], markup=False)
 
     def log_document(self, num_threads: int | None) -> dict[str, object]:
         """Make the document of times, host and threads."""
@@ -129,7 +158,17 @@ class Terminal:
 
 def make_console(quiet: bool = False, *, stderr: bool = True) -> Console:
     """Make a console that neither wraps nor highlights lines, so that a pipe gets them plain."""
+    from rich.console import Console
+
     return Console(stderr=stderr, quiet=quiet, highlight=False, soft_wrap=True, emoji=False)
+
+
+def line_console(quiet: bool = False, *, stderr: bool = True) -> Console | PlainConsole:
+    """Make a console for lines."""
+    stream = sys.stderr if stderr else sys.stdout
+    is_terminal = stream is not None and stream.isatty()  # a closed stream is None
+    may_be_one = is_terminal or any(name in os.environ for name in OF_TERMINALS)
+    return make_console(quiet, stderr=stderr) if may_be_one else PlainConsole(quiet, stderr=stderr)
 
 
 @contextmanager
@@ -138,6 +177,9 @@ def live_lines(console: Console, lines: Callable[[], Sequence[Text]]) -> Iterato
     if not console.is_terminal or console.quiet:
         yield
         return
+
+    from rich.live import Live
+    from rich.text import Text
 
     def shown() -> Text:
         texts = lines()
@@ -151,6 +193,8 @@ def live_lines(console: Console, lines: Callable[[], Sequence[Text]]) -> Iterato
 
 def running_lines(pace: Pace) -> list[Text]:
     """List the running items, each with the time since it began."""
+    from rich.text import Text
+
     lines = [f"  {clock_time(elapsed_s):>8}  {printable(name)}" for name, elapsed_s in pace.running()]
     return [*map(Text, first_of(lines, MAX_RUNNING))]
 

@@ -9,7 +9,7 @@ import click
 from semcal_cli.checks import precedence
 from semcal_cli.cli.ci import Case
 from semcal_cli.cli.tables import shown_reasons, verdict_line, wrapped
-from semcal_cli.cli.terminal import COLORS, make_console
+from semcal_cli.cli.terminal import COLORS, line_console
 from semcal_cli.many.rig.rig_verification import RigVerdict, RigVerification
 from semcal_cli.pipeline.verdict import AxisVerdict, overall_offsets
 from semcal_cli.pipeline.verification import Verification
@@ -77,7 +77,7 @@ def _print_rig(rig: RigVerification, *, verbose: bool) -> None:
 
 
 def _print_verdict(verdict: RigVerdict, decisive: str) -> None:
-    console = make_console(stderr=False)
+    console = line_console(stderr=False)
     console.print(verdict_line(verdict, decisive), style=COLORS[verdict], markup=False)
 
 

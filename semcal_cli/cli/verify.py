@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.calibrate_options import RecordingSettings
 from semcal_cli.cli.ci import CiReport, Inconclusive, errors_reported
-from semcal_cli.cli.convert import DIRECTION
 from semcal_cli.cli.options import (
     MAX_LIMIT,
     EstimateSettings,
     LimitSettings,
+    RecordingSettings,
     inconclusive_choice,
     json_flag,
 )
@@ -26,6 +25,7 @@ from semcal_cli.cli.rules import FOR_ONE_CAMERA, none_of, refuse
 from semcal_cli.cli.settings import argument, option, output_file, setting_of
 from semcal_cli.cli.settings_command import command
 from semcal_cli.cli.stage_options import as_far_as_named, read_initial_pose
+from semcal_cli.cli.written_format import DIRECTION
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.config.directions import Direction
 from semcal_cli.errors import CalibrationError, InputError, MisplacedError, SemcalError, shell

@@ -1,4 +1,4 @@
-"""The choices for what a file with a transform leaves open. Nothing heavy is imported here."""
+"""Directions of transforms and of the lines of images, by the names that files have. Nothing heavy is imported here."""
 
 from __future__ import annotations
 
@@ -10,3 +10,5 @@ BaseDirection: TypeAlias = Literal["lidar-to-base", "base-to-lidar"]
 """Direction of a matrix of a LiDAR on its vehicle: p_base = T p_lidar, or p_lidar = T p_base."""
 CameraFrame: TypeAlias = Literal["optical", "body"]
 """Axes of a camera frame. Optical: x right, y down, z forward. Body: x forward, y left, z up (ROS REP 103)."""
+ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
+"""Direction in which a rolling shutter reads the lines of an image."""

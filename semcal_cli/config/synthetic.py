@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, Literal, TypeAlias
 
+from semcal_cli.config.directions import ReadoutDirection
 from semcal_cli.config.setting import MAX_SEED, setting
 
 Pattern: TypeAlias = Literal["spinning", "rosette"]
 SynthLens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectional", "equirectangular"]
 SynthOntology: TypeAlias = Literal["shared", "disjoint"]
 RigMotion: TypeAlias = Literal["none", "steady", "mixed"]
-ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
-"""Direction in which a rolling shutter reads the lines of an image."""
 
 SYNTH_MIN_BASELINE_M = 0.1
 """Minimum distance of a randomly mounted camera from the LiDAR; without parallax a drive tests too little."""

@@ -9,7 +9,7 @@ from pydantic import Discriminator, Field, Tag, ValidationError, ValidationInfo,
 
 from semcal_cli import core
 from semcal_cli.config import MAX_PIXELS, AdjustmentConfig
-from semcal_cli.config.synthetic import ReadoutDirection
+from semcal_cli.config.directions import ReadoutDirection
 from semcal_cli.errors import InputError, counted, describe, mismatch
 from semcal_cli.files.validation import FileName, StrictModel, input_error, length
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import struct
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -34,8 +35,12 @@ PNG_INFLATED, PNG_END = (b"zTXt", b"iTXt", b"iCCP"), b"IEND"
 """Chunks of a PNG with compressed text or a profile, and its last chunk."""
 PNG_DEPTH_AT = 24
 """Place of the byte with the bits of a PNG's numbers (its first chunk, IHDR)."""
-COLORS = ("RGB", "RGBA")
-"""Pillow's modes of PNG files whose pixels are colours; other modes have one number per pixel, or one and alpha."""
+PNG_HEADER = struct.Struct(">8xI4sIIxBxB")
+"""Start of a PNG with its first chunk: length and name of the chunk, width, height, kind of the pixels, and filter."""
+PNG_FIRST, PNG_FILTER = (13, b"IHDR"), 0
+"""The only length, name and filter that the standard allows."""
+PNG_COLORS = (2, 6)
+"""Kinds of pixels that are colours; those of other kinds have one number, or one and alpha."""
 
 Size: TypeAlias = tuple[int, int]
 """Columns and rows."""
@@ -199,7 +204,21 @@ def size_in_header(path: Path, file: BinaryIO) -> Size:
     Raises:
         InputError: the file is not an image.
     """
-    size, _ = _header(path, file)
+    num_bytes = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    start = file.read(len(PNG))
+    if not start.startswith((PNG, JPEG, BMP)):
+        description = f"{counted(num_bytes, 'byte')} of an unknown format"
+        raise InputError(f"{path}: found {description}, expected a PNG, JPEG or BMP")
+    file.seek(0)
+    # An endless header would take memory and time.
+    head = file if num_bytes <= MAX_HEADER_BYTES else BytesIO(file.read(MAX_HEADER_BYTES))
+    try:
+        size = _parse_header(head, start)
+    except Exception:  # Pillow lets errors of any kind through, such as struct's.
+        raise _damage_error(path) from None
+    if 0 in size:
+        raise _damage_error(path)
     file.seek(0)
     return size
 
@@ -211,13 +230,10 @@ def holds_colors(path: Path) -> bool:
         InputError: the file is missing or cannot be read.
     """
     with open_file(path) as file:
-        if not file.read(len(PNG)).startswith(PNG):
-            return False
-        try:
-            _, mode = _header(path, file)
-        except InputError:
-            return False
-    return mode in COLORS
+        start = file.read(PNG_HEADER.size)
+    with suppress(ValueError, struct.error):
+        return start.startswith(PNG) and _parse_png(start)[1]
+    return False
 
 
 def write_image(image: Image, path: Path) -> None:
@@ -250,36 +266,19 @@ def _damage_error(path: Path) -> InputError:
     return InputError(f"{path}: found a damaged image, expected an intact one")
 
 
-def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
-    """Read the size and Pillow's mode of the image in an open file."""
-    num_bytes = file.seek(0, os.SEEK_END)
-    file.seek(0)
-    start = file.read(len(PNG))
-    if not start.startswith((PNG, JPEG, BMP)):
-        description = f"{counted(num_bytes, 'byte')} of an unknown format"
-        raise InputError(f"{path}: found {description}, expected a PNG, JPEG or BMP")
-    file.seek(0)
-    # An endless header would take memory and time.
-    head = file if num_bytes <= MAX_HEADER_BYTES else BytesIO(file.read(MAX_HEADER_BYTES))
-    try:
-        size, mode = _parse_header(head, start)
-    except Exception:  # Pillow lets errors of any kind through, such as struct's.
-        raise _damage_error(path) from None
-    if 0 in size:
-        raise _damage_error(path)
-    return size, mode
-
-
-def _parse_header(head: BinaryIO, start: bytes) -> tuple[Size, str]:
-    """Parse a header with Pillow's parsers; `PIL.Image.open` warns of sizes that `MAX_PIXELS` limits here."""
-    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin
-
+def _parse_header(head: BinaryIO, start: bytes) -> Size:
+    """Parse a header, by Pillow where it is long; `PIL.Image.open` warns of sizes that `MAX_PIXELS` limits here."""
     if start.startswith(PNG):
-        # Only the first chunk, because Pillow refuses errors in later chunks that OpenCV ignores.
-        head.seek(PNG_SIGNATURE_BYTES)
-        stream = PngImagePlugin.PngStream(head)
-        stream.call(*stream.read())
-        return stream.im_size, stream.im_mode or ""
+        return _parse_png(head.read(PNG_HEADER.size))[0]
+    from PIL import BmpImagePlugin, JpegImagePlugin  # takes 9 ms
+
     open_image = JpegImagePlugin.JpegImageFile if start.startswith(JPEG) else BmpImagePlugin.BmpImageFile
-    image = open_image(head)
-    return image.size, image.mode
+    return open_image(head).size
+
+
+def _parse_png(start: bytes) -> tuple[Size, bool]:
+    """Parse the start of a PNG: its size, and whether its pixels are colours."""
+    *first, width, height, kind, used_filter = PNG_HEADER.unpack(start)
+    if (*first,) != PNG_FIRST or used_filter != PNG_FILTER:
+        raise ValueError
+    return (width, height), kind in PNG_COLORS

@@ -12,7 +12,7 @@ import numpy as np
 
 from semcal_cli.errors import InputError, counted
 from semcal_cli.formats.node import MAX_STAMP_S
-from semcal_cli.importing.dataset_tree import stem
+from semcal_cli.importing.suffixes import stem
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
 SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")

@@ -13,7 +13,7 @@ from semcal_cli.errors import counted, shell
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.importing import DATASETS, Dataset
 from semcal_cli.importing.bags.recording_files import METADATA, SUFFIXES, is_recording
-from semcal_cli.importing.dataset_tree import CLOUD_SUFFIXES, IMAGE_SUFFIXES
+from semcal_cli.importing.suffixes import CLOUD_SUFFIXES, IMAGE_SUFFIXES
 
 BAG, DRIVES, FOLDER = "bag", "drives", "folder"
 MAX_ABOVE = 2

@@ -15,7 +15,7 @@ import numpy as np
 from semcal_cli.drive.camera import Camera, core_camera, sigma_of
 from semcal_cli.files.validation import StrictModel, Width
 from semcal_cli.geometry.arrays import Matrices, Matrix, Numbers, Pose, Vectors
-from semcal_cli.geometry.poses import cross_matrix, inverse
+from semcal_cli.geometry.poses import inverse
 
 RANGES_M = 5.0, 10.0, 30.0
 """Ranges at which errors are stated."""
@@ -167,7 +167,8 @@ def _motions(camera: Camera, points_camera: Vectors) -> Matrices:
     pixels = core_camera(camera).project(ends.reshape(-1, 3)).reshape(-1, 6, 2)
     jacobians = np.swapaxes(_offsets(camera, pixels[:, 3:], pixels[:, :3]) / (2.0 * steps), 1, 2)
     # p moves by rho + phi x p = rho - [p]_x phi.
-    crosses = np.array([cross_matrix(point) for point in points_camera])
+    (x, y, z), zero = points_camera.T, np.zeros(len(points_camera))
+    crosses = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0).copy()
     return np.concatenate([jacobians, -jacobians @ crosses], axis=2)
 
 
