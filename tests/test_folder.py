@@ -247,7 +247,7 @@ def test_the_cloud_that_is_looked_into_may_be_too_large(tmp_path: Path) -> None:
         (
             "--points",
             "a.xyz",
-            "'.xyz', expected .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las or .laz",
+            "'.xyz', expected .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las, .laz or .e57",
         ),
         ("--point-labels", "a.txt", "'.txt', expected .label, .bin, .npy or .npz"),
         ("--image-labels", "a.jpg", "'.jpg', expected .png, .npy or .npz"),

@@ -18,7 +18,7 @@ from semcal_cli.geometry.arrays import Numbers, Vector, Vectors
 KITTI_PERIOD_S = 0.1
 """Time between two sweeps of the LiDARs of KITTI, KITTI-360 and RELLIS-3D."""
 CLOUD_SUFFIXES = (
-    ".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".csv", ".pts", ".ptx", ".las", ".laz",
+    ".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".csv", ".pts", ".ptx", ".las", ".laz", ".e57",
 )  # fmt: skip
 POINT_LABEL_SUFFIXES = (".label", ".bin", ".npy", ".npz")
 IMAGE_LABEL_SUFFIXES = (".png", ".npy", ".npz")
