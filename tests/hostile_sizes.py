@@ -52,6 +52,7 @@ FILES = (
     ("points", "a.bin", b"", HUGE, OF_SWEEP),
     ("points", "a.pcd", pcd(200_000_000, "binary"), HUGE, OF_SWEEP),
     ("points", "a.las", las(150_000_000), HUGE, OF_SWEEP),
+    ("points", "a.e57", b"ASTM-E57", HUGE, OF_SWEEP),
     ("points", "a.bin", b"", 320_000_000, too_many("20,000,000")),
     ("points", "a.las", las(30_000_000), 600_000_227, too_many("30,000,000")),
     ("point_labels", "a.label", b"", HUGE, OF_SWEEP),
@@ -113,6 +114,7 @@ OF_FRAMES = {
     f"a pipe for {key} {name}": Hostile(pipe_of_frame(key, name), command, error(f"drive/{name}: {line}"))
     for key, name, command, line in (
         ("points", "a.las", CALIBRATE, "found a special file, expected a file"),
+        ("points", "a.e57", CALIBRATE, "found a special file, expected a file"),
         ("points", "a.pcd", CALIBRATE, NO_FILE),
         ("image_labels", "a.png", CALIBRATE, NO_FILE),
         ("image", "a.png", INTENSITY, "found a special file, expected a file"),

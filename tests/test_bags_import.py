@@ -228,6 +228,9 @@ def test_a_spin_gives_the_times_that_points_lack(fields: list[str], tmp_path: Pa
     document = yaml.safe_load((tmp_path / "drive/drive.yaml").read_text())
     spin = {"rate_hz": 10.0, "clockwise": False, "seam_deg": 180.0, "stamp": "start"}
     assert document["lidar"] == {"spin": spin}
+    run_cli("import", "bag", path, "--origin", "1.4", "0", "-0.5", "-o", tmp_path / "moved")
+    moved = yaml.safe_load((tmp_path / "moved/drive.yaml").read_text())
+    assert moved["lidar"] == {"origin_m": [1.4, 0.0, -0.5]}
     assert document["motion"]["point_times"] == "relative"
     frames = load_points(read_drive(tmp_path / "drive")).frame_observations
     # At 10 m/s, the points of a sweep of 0.1 s are moved by up to a metre.

@@ -94,6 +94,7 @@ frames of level 6 of H.264, {reading.MAX_VIDEO_PIXELS / 1e6:.1f} megapixels;
 {reading.MAX_PROTOBUF_VALUES:,} values a message
 {reading.MAX_MESSAGE_TRANSFORMS:,} a message, {reading.MAX_TRANSFORMS:,} pairs of frames a recording |
 | fields of a cloud | {reading.MAX_FIELDS} |
+| the XML of an E57 | {reading.MAX_E57_ELEMENTS:,} elements |
 {odometry.MAX_SWEEP_CELLS:,} voxels a sweep, and {odometry.MAX_SWEEP_POINTS:,} points,
 {odometry.MAX_ITERATIONS} iterations; {odometry.MAX_RESTARTS} new starts after jumps,
 one more every {odometry.SWEEPS_A_RESTART} sweeps |

@@ -145,6 +145,27 @@ def test_own_data(tmp_path: Path) -> None:
     assert "note: --image-labels: 2 pairs by name; unpaired: 1 cloud, 1 file\n" in stderr
 
 
+def test_how_the_lidar_turns_and_where_its_rays_start_are_stated(tmp_path: Path) -> None:
+    arguments = [*own_data(tmp_path / "own"), "-o", tmp_path / "drive"]
+    stated = ["--spin", "10:cw:180:end", "--origin", -1.38, 0, 1.63]
+    run_import("folder", *arguments, *stated)
+    drive = read_drive(tmp_path / "drive")
+    assert drive.lidar is not None
+    assert drive.lidar.origin_m == (-1.38, 0.0, 1.63)
+    spin = {"rate_hz": 10.0, "clockwise": True, "seam_deg": 180.0, "stamp": "end"}
+    document = yaml.safe_load((tmp_path / "drive/drive.yaml").read_text())
+    assert document["lidar"] == {"origin_m": [-1.38, 0.0, 1.63], "spin": spin}
+    told = drive.point_times(read_clouds(drive)[0])
+    assert told is not None
+    assert told[1]
+    run_import("folder", *arguments, *stated[2:], "--force")
+    assert yaml.safe_load((tmp_path / "drive/drive.yaml").read_text())["lidar"] == {
+        "origin_m": [-1.38, 0.0, 1.63]
+    }
+    run_import("folder", *arguments, "--force")
+    assert "lidar" not in yaml.safe_load((tmp_path / "drive/drive.yaml").read_text())
+
+
 def test_files_paired_by_number_are_named(tmp_path: Path) -> None:
     arguments = own_data(tmp_path / "own")
     for path in (tmp_path / "own" / "labels").iterdir():
@@ -247,7 +268,7 @@ def test_the_cloud_that_is_looked_into_may_be_too_large(tmp_path: Path) -> None:
         (
             "--points",
             "a.xyz",
-            "'.xyz', expected .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las or .laz",
+            "'.xyz', expected .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las, .laz or .e57",
         ),
         ("--point-labels", "a.txt", "'.txt', expected .label, .bin, .npy or .npz"),
         ("--image-labels", "a.jpg", "'.jpg', expected .png, .npy or .npz"),

@@ -334,13 +334,21 @@ def test_sweeps_of_recordings_have_the_times_of_the_spin() -> None:
     message = bag.cloud(records, START_NS)
     raw = Message(Topic("/points", message.__msgtype__, is_ros1=True), START_NS, bag.raw(message))
     assert read_sweep(raw, START_NS).seconds is None
-    sweep = read_sweep(raw, START_NS, lidar().spin)
+    sweep = read_sweep(raw, START_NS, lidar())
     assert sweep.times.reference == "relative"
     np.testing.assert_allclose(sweep.times.ends_s, [-0.025, 0.0475], atol=1e-6)
+    origin_m = (1.0, 2.0, 3.0)
+    moved = Lidar.model_validate({"spin": KITTI, "origin_m": origin_m})
+    for name, shift_m in zip("xyz", origin_m, strict=True):
+        records[name] += shift_m
+    of_vehicle = bag.cloud(records, START_NS)
+    raw = Message(raw.topic, START_NS, bag.raw(of_vehicle))
+    np.testing.assert_allclose(read_sweep(raw, START_NS, moved).times.ends_s, [-0.025, 0.0475], atol=1e-6)
+    assert read_sweep(raw, START_NS, Lidar(origin_m=origin_m)).seconds is None
     timed = np.zeros(4, [*fields, ("t", "<f4")])
     for name in "xyz":
         timed[name] = records[name]
     timed["t"] = [0.0, 0.01, 0.02, 0.03]
     message = bag.cloud(timed, START_NS)
     raw = Message(Topic("/points", message.__msgtype__, is_ros1=True), START_NS, bag.raw(message))
-    assert read_sweep(raw, START_NS, lidar().spin).times.ends_s == pytest.approx((0.0, 0.03))
+    assert read_sweep(raw, START_NS, lidar()).times.ends_s == pytest.approx((0.0, 0.03))

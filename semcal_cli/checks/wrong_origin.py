@@ -37,7 +37,8 @@ WRONG_ORIGIN = Check(
         ),
         meaning="Seen from the stated place, near surfaces lie behind far ones, and what looks like an edge is none.",
         cause="Points are in the frame of the vehicle, as those of DDAD and Argoverse 2, or columns are swapped.",
-        remedy="State `origin_m: [x, y, z]` under `lidar:`. The place is good to 20 cm; the data set's own is better.",
+        remedy="State `origin_m: [x, y, z]` under `lidar:`, or `--origin X Y Z` at import. The place is good to 20 cm; "
+        "the data set's own is better.",
     ),
 )
 VIEWPOINT_UNUSED = Check(

@@ -10,8 +10,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from semcal_cli.cli.accumulate import MAX_SECONDS, accumulate_into
-from semcal_cli.cli.import_settings import max_gap, resized, sweeps_drive, tell_written
-from semcal_cli.cli.import_values import SpinOfLidar
+from semcal_cli.cli.import_settings import (
+    lidar_spin,
+    max_gap,
+    ray_origin,
+    resized,
+    stated_lidar,
+    sweeps_drive,
+    tell_written,
+)
 from semcal_cli.cli.options import QuietSettings
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import argument, made_of, option
@@ -90,13 +97,8 @@ class BagSettings(QuietSettings):
     motion_frame: str | None = option(
         "Frame whose poses the topic contains, if its messages do not say.", metavar="FRAME"
     )
-    spin: dict[str, Any] | None = option(
-        "How a LiDAR turns whose points have no times: turns per second, cw or ccw as seen from above, the azimuth "
-        "at which sweeps begin, and which moment of a sweep its stamp states: start, middle or end "
-        "(middle if not given).",
-        type=SpinOfLidar(),
-        metavar="HZ:cw|ccw:SEAM_DEG[:STAMP]",
-    )
+    spin: dict[str, Any] | None = lidar_spin()
+    origin_m: tuple[float, float, float] | None = ray_origin()
     odometry: bool = option(
         "Estimate the motion from the sweeps with KISS-ICP. A motion topic takes precedence, and is compared "
         "with the estimate; --motion none ignores all topics.",
@@ -171,15 +173,15 @@ def _request(settings: BagSettings) -> BagRequest:
     _check_libraries()
     if settings.odometry:
         check_installed("--odometry", "kiss_icp", "odometry")
-    from semcal_cli.drive.lidar import Spin
+    from semcal_cli.drive.lidar import Lidar
     from semcal_cli.importing.bags.topics import BagRequest
 
-    spin = None if settings.spin is None else Spin(**settings.spin)
+    stated = stated_lidar(settings.spin, settings.origin_m)
     return made_of(
         BagRequest,
         settings,
         by_receipt=settings.stamps == "receive",
-        spin=spin,
+        lidar=None if stated is None else Lidar.model_validate(stated),
         around_s=settings.accumulate,
     )
 

@@ -11,7 +11,15 @@ from typing import Any
 import click
 
 from semcal_cli.cli.accumulate import MAX_SWEEPS, accumulate_into
-from semcal_cli.cli.import_settings import ImportSettings, max_gap, resized, sweeps_drive
+from semcal_cli.cli.import_settings import (
+    ImportSettings,
+    lidar_spin,
+    max_gap,
+    ray_origin,
+    resized,
+    stated_lidar,
+    sweeps_drive,
+)
 from semcal_cli.cli.import_values import PointColumns, TimeUnit
 from semcal_cli.cli.options import max_points
 from semcal_cli.cli.rules import given
@@ -79,6 +87,8 @@ class FolderSettings(ImportSettings):
         type=TimeUnit(),
         metavar="s|ms|us|ns|S",
     )
+    spin: dict[str, Any] | None = lidar_spin()
+    origin_m: tuple[float, float, float] | None = ray_origin()
     accumulate: int | None = option(
         "Make a dense cloud for each image of the N sweeps around it, as `semcal accumulate` does; clouds without an "
         "image count.",
@@ -146,13 +156,14 @@ def folder(settings: FolderSettings) -> None:
 
     # The labels are found by their patterns, and are part of the recording.
     labels: dict[str, Any] = {"image_labels": None, "point_labels": None}
+    lidar = stated_lidar(settings.spin, settings.origin_m)
     if settings.accumulate is None:
-        settings.write(read(made_of(FilePatterns, settings)), **labels)
+        settings.write(read(made_of(FilePatterns, settings, lidar=lidar)), **labels)
         return
     from semcal_cli.drive.document import read_drive
     from semcal_cli.importing.accumulated_drive import check_accumulated
 
-    recording = read(made_of(FilePatterns, settings, keeps_all=True))
+    recording = read(made_of(FilePatterns, settings, lidar=lidar, keeps_all=True))
     sweeps = sweeps_drive(settings.output)
     tables = [Path(name) for name in (settings.image_classes, settings.point_classes) if name is not None]
     images = [frame.image or frame.image_labels for frame in recording.frames]

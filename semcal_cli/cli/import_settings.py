@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from semcal_cli.cli.import_values import SpinOfLidar
 from semcal_cli.cli.options import FrameSlice, QuietSettings
+from semcal_cli.cli.parameter_types import FiniteRange
 from semcal_cli.cli.settings import made_of, option
+from semcal_cli.config.point_files import MAX_ORIGIN_M
 from semcal_cli.errors import check_installed, counted
 
 if TYPE_CHECKING:
@@ -27,6 +30,37 @@ def resized() -> Any:
     """Declare the option that converts K to the size of the images."""
     text = "Images were resized after the camera was calibrated: convert K to their size, of the same aspect."
     return option(text, "--resized", default=False)
+
+
+def lidar_spin() -> Any:
+    """Declare the option of how the LiDAR turns."""
+    return option(
+        "How a LiDAR turns whose points have no times: turns per second, cw or ccw as seen from above, the azimuth "
+        "at which sweeps begin, and which moment of a sweep its stamp states: start, middle or end "
+        "(middle if not given).",
+        "--spin",
+        type=SpinOfLidar(),
+        metavar="HZ:cw|ccw:SEAM_DEG[:STAMP]",
+    )
+
+
+def ray_origin() -> Any:
+    """Declare the option of where the rays of the LiDAR start."""
+    return option(
+        "Where the rays of the LiDAR start, in metres, where points are in another frame, such as a vehicle's; "
+        "`semcal inspect --find-origin` finds it from the points.",
+        "--origin",
+        type=FiniteRange(-MAX_ORIGIN_M, MAX_ORIGIN_M),
+        nargs=3,
+        metavar="X Y Z",
+    )
+
+
+def stated_lidar(spin: dict[str, Any] | None, origin_m: tuple[float, ...] | None) -> dict[str, Any] | None:
+    """Make the `lidar:` block of a drive of what these options state; None if they state nothing."""
+    origin = None if origin_m is None else list(origin_m)
+    stated = {key: value for key, value in (("origin_m", origin), ("spin", spin)) if value is not None}
+    return stated or None
 
 
 @dataclass(frozen=True, kw_only=True)

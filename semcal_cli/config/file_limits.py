@@ -64,6 +64,9 @@ MAX_PIXELS_A_BYTE, MIN_VIDEO_PIXELS = 20_000, 10_000_000_000
 the one before takes a few bytes, and is decoded as any other."""
 MAX_FIELDS = 128
 """Maximum number of fields of a point."""
+MAX_E57_ELEMENTS = 10_000
+"""Maximum number of elements of the XML of an E57: one scan has about 100, and each of its images 40. libE57 compares
+each with all others of its parent."""
 
 ANSWER_S = 30.0
 """Maximum time of an answer of a hub, and time after which a download must be faster than `MIN_BYTES_PER_S`."""

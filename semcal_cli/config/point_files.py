@@ -13,6 +13,8 @@ SHARES = 0.9, 1.0 + 1e-6
 """Spans of times that may be shares of a sweep, from 0 to 1: its ends may have no returns."""
 MAX_UNIT_S = 100.0
 """Longest unit of point times, in seconds: no scanner takes longer for a sweep."""
+MAX_ORIGIN_M = 100.0
+"""Largest coordinate of where the rays of a LiDAR start, metres: no vehicle is larger."""
 
 
 class PointForm(NamedTuple):

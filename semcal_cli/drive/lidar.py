@@ -11,12 +11,13 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from semcal_cli.config.point_files import MAX_ORIGIN_M
 from semcal_cli.errors import mismatch
 from semcal_cli.files.validation import StrictModel, length
 from semcal_cli.geometry.arrays import Numbers, Points
 
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
-Coordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
+Coordinate = Annotated[float, Field(ge=-MAX_ORIGIN_M, le=MAX_ORIGIN_M)]
 SHARES = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Share of a sweep that has passed at each moment that a stamp may state."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -96,6 +96,8 @@ class FilePatterns:
     """Type of the numbers of `.bin` clouds."""
     time_unit: NamedUnit | float | None = None
     """Unit of point times, or its length in seconds; None for the one that the first cloud suggests."""
+    lidar: Mapping[str, Any] | None = None
+    """The `lidar:` block of the drive, which no file states."""
     keeps_all: bool = False
     """Whether clouds without an image or a label image are kept, too."""
 
@@ -170,6 +172,7 @@ def read(patterns: FilePatterns) -> Recording:
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
         T_camera_lidar=T_camera_lidar,
+        lidar=patterns.lidar,
         synchronization=patterns.synchronization,
         point_form=form,
         remarks=(

@@ -228,10 +228,10 @@ class _Import:
     def _recording(
         self, mounting: _Mounting, motion: dict[str, Any] | None, frames: Sequence[SourceFrame]
     ) -> Recording:
-        spin, named = self.request.spin, mounting.frame_ids
+        lidar, named = self.request.lidar, mounting.frame_ids
         return Recording(
             camera=self.camera.block,
-            lidar=None if spin is None else {"spin": spin.model_dump()},
+            lidar=None if lidar is None else lidar.model_dump(mode="json", exclude_unset=True),
             frame_ids=None if named is None else named.model_dump(exclude_none=True),
             frames=frames,
             T_camera_lidar=mounting.T_camera_lidar,
@@ -298,7 +298,7 @@ class _Import:
                 continue
             with suppress(MessageError):
                 stamp_ns = message.received_ns if request.by_receipt else message.header_ns
-                sweep = read_sweep(message, stamp_ns, request.spin)
+                sweep = read_sweep(message, stamp_ns, request.lidar)
                 if sweep.times.reference is None and self.trajectory is None:
                     self.remarks.append(f"the motion of the LiDAR is not estimated: points {NO_TIMES}")
                     return None

@@ -20,7 +20,7 @@ from semcal_cli.config import MAX_POINTS
 from semcal_cli.config.file_limits import MAX_FIELDS
 from semcal_cli.config.nanoseconds import NS
 from semcal_cli.config.point_files import NamedUnit
-from semcal_cli.drive.lidar import Spin
+from semcal_cli.drive.lidar import Lidar
 from semcal_cli.errors import counted, listed
 from semcal_cli.geometry.arrays import Array, Mask, Numbers, Points
 from semcal_cli.importing.bags.messages import CLOUD, HEADER_BYTES, VELODYNE, Message, MessageError
@@ -97,13 +97,13 @@ class Sweep(NamedTuple):
         return text.encode() + b"\n" + self.records.tobytes()
 
 
-def read_sweep(message: Message, stamp_ns: int, spin: Spin | None = None) -> Sweep:
+def read_sweep(message: Message, stamp_ns: int, lidar: Lidar | None = None) -> Sweep:
     """Read a PointCloud2, a Livox CustomMsg or a VelodyneScan.
 
     Args:
         message: The message.
         stamp_ns: Time of the sweep, which its points' times refer to.
-        spin: How the LiDAR turns, which gives the times of points that have none.
+        lidar: How the LiDAR turns, which gives the times of points that have none, and where its rays start.
 
     Raises:
         MessageError: the message is damaged, contradicts itself or has no point with a range.
@@ -122,9 +122,9 @@ def read_sweep(message: Message, stamp_ns: int, spin: Spin | None = None) -> Swe
         raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
     rate_hz = message.topic.rate_hz
     sweep = _with_readable_times(records, has_range, stamp_ns, 1.0 / rate_hz if rate_hz else None)
-    if spin is None or sweep.times.reference is not None:
+    if lidar is None or lidar.spin is None or sweep.times.reference is not None:
         return sweep
-    seconds = spin.times(sweep.points).reshape(records.shape)
+    seconds = lidar.spin.times(lidar.rays(sweep.points)).reshape(records.shape)
     times = PointTimes("relative", _ends(seconds[has_range]))
     if (name := _time_field(records)) is None:
         return sweep._replace(times=times, seconds=seconds)

@@ -141,14 +141,14 @@ class FrameWriter:
                     stamp_ns = message.received_ns if self.request.by_receipt else message.header_ns
                     if stamp_ns in known_ns or np.abs(middles_ns - stamp_ns).min() > half_ns:
                         continue
-                    sweep = read_sweep(message, stamp_ns, self.request.spin)
+                    sweep = read_sweep(message, stamp_ns, self.request.lidar)
                     by_stamp[stamp_ns] = self._write_sweep(sweep, stamp_ns)
                     known_ns.add(stamp_ns)
         return [by_stamp[stamp_ns] for stamp_ns in sorted(by_stamp)]
 
     def _write_pair(self, pair: StampedPair, sweep_message: Message, image_message: Message) -> WrittenFrame:
         """Write a sweep and its image, neither of them if one is refused."""
-        sweep = read_sweep(sweep_message, pair.sweep_ns, self.request.spin)
+        sweep = read_sweep(sweep_message, pair.sweep_ns, self.request.lidar)
         file = image_file(image_message, self.request.bayer)
         self._check_size(file.size)
         frame = self._write_sweep(sweep, pair.sweep_ns)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semcal_cli.config.directions import CameraFrame
-from semcal_cli.drive.lidar import Spin
+from semcal_cli.drive.lidar import Lidar
 from semcal_cli.errors import ChoiceError, InputError, check_installed, counted, listed
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import Bayer
@@ -67,8 +67,8 @@ class BagRequest:
     """Whether images were resized after the camera was calibrated, so that K is converted to their size."""
     bayer: Bayer | None = None
     """Pattern of images that are mosaics; None for those that the messages name."""
-    spin: Spin | None = None
-    """How the LiDAR turns, which gives the times of points that have none."""
+    lidar: Lidar | None = None
+    """How the LiDAR turns, which gives the times of points that have none, and where its rays start."""
     around_s: float | None = None
     """Also keep all sweeps within half of this time from each frame, without images, seconds."""
     sweeps_ns: Mapping[int, int] | None = None
