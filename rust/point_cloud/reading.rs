@@ -65,7 +65,7 @@ impl Format {
             "pts" => Ok(Self::Pts),
             "ptx" => Ok(Self::Ptx),
             other => {
-                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las or .laz";
+                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las, .laz or .e57";
                 Err(Error::file(path, format!("point cloud format '{other}' is not known, needs {needed}")))
             }
         }

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 CLOUD_SUFFIXES = (
-    ".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".csv", ".pts", ".ptx", ".las", ".laz",
+    ".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".csv", ".pts", ".ptx", ".las", ".laz", ".e57",
 )  # fmt: skip
 POINT_LABEL_SUFFIXES = (".label", ".bin", ".npy", ".npz")
 IMAGE_LABEL_SUFFIXES = (".png", ".npy", ".npz")
