@@ -63,6 +63,7 @@ RUNS = {
     "confident_and_wrong.py DATA --only mirrored --synthetic 1 --cue labels": 1,
     "ray_origin.py DATA --only 'KITTI object'": 2,
     "verify.py DATA --only nothing --by-other --synthetic 1": 5,
+    "skewed_intrinsics.py DATA --starts 1 --only jam --errors right": 2,
     "spin.py DATA --starts 1 --only 'right camera, as recorded'": 1,
     "odometry.py --seeds 1 --points 5000": 7,
     "odometry_gain.py --only clock --seeds 1 --points 10000 --width 160": 1,

@@ -168,7 +168,9 @@ class _AssessedPose:
         """
         observations, T = self.data.checked_by, self.stages.T_camera_lidar
         is_same = observations is self.data.observations
-        deskewed = self.stages.deskewed if self.stages.is_deskewed else None
+        # Where intrinsics were estimated, cx was free when sweeps were deskewed.
+        is_by_given = self.stages.is_deskewed and self.stages.joint is None
+        deskewed = self.stages.deskewed if is_by_given else None
         if deskewed is not None:
             seen, T = deskewed.for_intrinsics()
             observations = replace(self.data, observations=seen).checked_by
@@ -221,6 +223,9 @@ class _AssessedPose:
         return covariance_of_motion(self.data, self.stages.T_camera_lidar, self.label_gain, later_s)
 
     def _covariance_of_speed(self) -> Matrix | None:
+        if self.stages.is_joint:
+            # That of the estimate includes it.
+            return None
         of_speed = None if self.stages.deskewed is None else self.stages.deskewed.covariance
         if of_speed is None or self.label_gain is None:
             return of_speed

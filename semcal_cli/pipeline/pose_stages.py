@@ -165,9 +165,15 @@ def refine_and_polish(
     stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
     if not is_polished(data.observations, config):
         return stages
-    # An error of cx looks like a speed: where intrinsics are estimated, sweeps stay as they are.
-    if config.jointly.is_empty:
-        unrolled, stages = deskew_sweeps(unrolled, stages, on_event, seed, with_priors=bool(priors))
+    # An error of cx looks like a speed: where intrinsics are estimated, the speed is found together with cx.
+    unrolled, stages = deskew_sweeps(
+        unrolled,
+        stages,
+        on_event,
+        seed,
+        with_priors=bool(priors),
+        with_cx=bool(config.jointly.intrinsics),
+    )
     return _finish(unrolled, stages, config, priors, on_event)
 
 
@@ -178,10 +184,12 @@ def deskew_sweeps(
     seed: int = 0,
     *,
     with_priors: bool = False,
+    with_cx: bool = False,
 ) -> tuple[LoadedDrive, Stages]:
     """Deskew sweeps by the speed that they show at the last pose, if the LiDAR turns and the drive gives no motion.
 
-    Where other maxima are beside the pose, the highest at each speed is searched for, unless priors hold the pose.
+    Where other maxima are beside the pose, the highest at each speed is searched for, unless priors hold the pose or
+    the speed is found together with cx.
     """
     T, observations = stages.T_camera_lidar, data.observations
     if (skew := Skew.of(data.drive, T)) is None:
@@ -189,13 +197,13 @@ def deskew_sweeps(
     rng = np.random.default_rng(seed)
 
     def estimate() -> Deskewed:
-        if with_priors:
+        if with_priors or with_cx:
             has_others = False
         elif stages.refined is not None:
             has_others = stages.refined.levels[-1].has_other_maxima
         else:
             has_others = has_other_maxima(observations, observations.starts, T, rng)
-        return deskew(observations, skew, T, rng if has_others else None)
+        return deskew(observations, skew, T, rng if has_others else None, with_cx=with_cx)
 
     deskewed = announced("deskewed", "estimating the speed", estimate, on_event, T)
     return replace(data, observations=deskewed.observations), replace(stages, deskewed=deskewed)
@@ -208,7 +216,9 @@ def _finish(
     polished = polish(data, stages.T_camera_lidar, config, on_event)
     stages, T_polished = replace(stages, polished=polished), polished.T_camera_lidar
     if not config.jointly.is_empty:
-        return replace(stages, joint=estimate_jointly(data, T_polished, config, on_event))
+        of_speed = None if stages.deskewed is None else stages.deskewed.covariance_with_cx
+        joint = estimate_jointly(data, T_polished, config, on_event, of_speed=of_speed)
+        return replace(stages, joint=joint)
     if not priors:
         return stages
     of_speed = None if stages.deskewed is None else stages.deskewed.covariance
@@ -303,11 +313,19 @@ def polish(
 
 
 def estimate_jointly(
-    data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
+    data: LoadedDrive,
+    T_polished: Pose,
+    config: RefinementConfig,
+    on_event: Listener = ignore,
+    *,
+    of_speed: Matrix | None = None,
 ) -> JointEstimate:
-    """Estimate intrinsics and the offset of the clock together with the pose; see `adjust.joint`."""
+    """Estimate intrinsics and the offset of the clock together with the pose; see `adjust.joint`.
+
+    The covariance (7, 7) is that of the pose and cx by errors of a speed that was found together with cx.
+    """
     doing = "estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"
-    settings = config.jointly, config.polish, data.drive.time_offset_s
+    settings = config.jointly, config.polish, data.drive.time_offset_s, of_speed
     stage = partial(fit_jointly, data.observations, T_polished, *settings)
     return announced("joint", doing, stage, on_event, T_polished)
 

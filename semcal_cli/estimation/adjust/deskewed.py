@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import PolishConfig
+from semcal_cli.drive.camera import intrinsic_value, with_intrinsics
 from semcal_cli.estimation.adjust.intrinsics_estimate import ascend_with
 from semcal_cli.estimation.adjust.joint_fit import Variables, adjust_observations
 from semcal_cli.estimation.refine.higher_maxima import ClimbConfig, climb
@@ -45,6 +46,9 @@ LAST_M_S = 40.0
 MAX_SIGMA_M_S = 2.0
 """Largest standard error with which a speed deskews sweeps. On KITTI object, 6.4 m/s move the camera by 2.1 cm, and
 this error by 0.7 cm (`tests/benchmarks/closure.py`)."""
+MAX_SIGMA_WITH_CX_M_S = STEP_M_S
+"""The same where the speed is found together with cx: the step of its parabola. Such a speed deskews sweeps however
+near a standstill it is, because a wrong standstill is an error of cx as well."""
 MIN_SIGMAS = 3.0
 """Standard errors from a standstill, from which a speed deskews sweeps."""
 MIN_SCENES = 4
@@ -65,6 +69,8 @@ class Deskewed(StageResult):
     """Speed that the sweeps show; None if they show none."""
     covariance: Matrix | None
     """(6, 6) covariance of the pose by errors of the speed and of the moment of the images; None without a speed."""
+    covariance_with_cx: Matrix | None = None
+    """(7, 7) the same of the pose and of cx, where the speed was found together with cx; None elsewhere."""
     for_intrinsics: Callable[[], tuple[Observations, Pose]]
     """Function that returns points and images, and the best pose (4, 4) with these, metres, by which intrinsics are
     tested. They are deskewed by the speed that the sweeps show whatever cx is: with a wrong one, they seem to have
@@ -78,6 +84,8 @@ class _Best(NamedTuple):
     """The deskewed sweeps and the images, with the camera that goes with the pose."""
     T_camera_lidar: Pose
     inverse_curvature: InverseCurvature = None
+    cx_change_px: float = 0.0
+    """Change of cx that was climbed together with the pose, pixels."""
 
 
 class _Ascent(NamedTuple):
@@ -96,6 +104,7 @@ class _Fit(NamedTuple):
     share_by_square: Mapping[tuple[int, ...], float]
     """Share of each square of the scenes, by scene, row and column, in the mutual information, nats."""
     inverse_curvature: InverseCurvature
+    cx_change_px: float
 
     @property
     def information(self) -> float:
@@ -117,6 +126,8 @@ def deskew(
     skew: Skew,
     T_camera_lidar: Pose,
     rng: np.random.Generator | None = None,
+    *,
+    with_cx: bool = False,
 ) -> Deskewed:
     """Estimate the speed of the rig along the view, and deskew the sweeps if it moves.
 
@@ -126,9 +137,13 @@ def deskew(
         T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
         rng: Source of searches for the highest maximum at each speed, where there are others beside that pose: the
             highest at a wrong speed may be another one than at the right speed. None where polishes follow the pose.
+        with_cx: Whether the speed is found together with cx, because intrinsics are to be estimated; without `rng`.
     """
     ascent = POLISH if rng is None else _make_search(observations, T_camera_lidar, rng)
-    fits = _fit_speeds(observations, skew, T_camera_lidar, ascent)
+    start = _Best(observations, T_camera_lidar)
+    if with_cx:
+        ascent, start = POLISH_WITH_CX, _with_fx_and_cx(observations, T_camera_lidar)
+    fits = _fit_speeds(start.observations, skew, start.T_camera_lidar, ascent)
     if fits is not None and rng is not None:
         T_camera_lidar = fits.first.T_camera_lidar
     speed = None if fits is None else _find_maximum(fits)
@@ -144,25 +159,36 @@ def deskew(
     if fits is None or speed is None:
         return as_they_are
     figures = f"{speed.along_view_m_s:.1f} +- {speed.sigma_m_s:.1f} m/s along the view"
-    covariance = _covariance(fits, speed, skew)
+    if with_cx:
+        figures += ", found together with cx"
+        speed = speed.model_copy(update={"is_used": speed.sigma_m_s <= MAX_SIGMA_WITH_CX_M_S})
+    of_both = _covariance(fits, speed, skew)
+    as_they_are = replace(
+        as_they_are,
+        speed=speed,
+        covariance=of_both[:6, :6],
+        covariance_with_cx=of_both if with_cx else None,
+    )
     if not speed.is_used:
         note = f"the images show no speed, {figures}, and none across it; sweeps stay as they are"
-        return replace(as_they_are, note=note, speed=speed, covariance=covariance)
+        return replace(as_they_are, note=note)
     seen = skew.deskewed(observations, speed.used_m_s)
-    if rng is None:
+    if with_cx:
+        # The fits moved the pose together with cx, which the polish takes as given.
+        T = T_camera_lidar
+    elif rng is None:
         # The polish holds out data, which took part in the fits: it starts where the speed alone moves the pose.
         (change,) = local_coordinates([fits.middle.T_camera_lidar], fits.first.T_camera_lidar)
         T = pose_at(T_camera_lidar, change)
     else:
         # All data choose the maximum, as in the search before.
         T = ascent.find(seen, fits.middle.T_camera_lidar, None).T_camera_lidar
-    return Deskewed(
+    return replace(
+        as_they_are,
         T_camera_lidar=T,
         agreement=core.agreement(seen.core, T),
         note=f"deskewed by the speed that the images show, {figures}",
         observations=seen,
-        speed=speed,
-        covariance=covariance,
         for_intrinsics=partial(_for_intrinsics, observations, skew, fits.middle),
     )
 
@@ -197,7 +223,24 @@ def _polish_with_cx(observations: Observations, T_start: Pose, _: InverseCurvatu
     maximum = ascend_with(observations, T_start, ("cx",), levels=(1,))
     changes = np.array(maximum.changes)
     adjusted = adjust_observations(observations, Variables(("cx",), with_delay=False), changes)
-    return _Best(adjusted, maximum.T_camera_lidar)
+    return _Best(adjusted, maximum.T_camera_lidar, cx_change_px=float(changes[0]))
+
+
+def _with_fx_and_cx(observations: Observations, T_start: Pose) -> _Best:
+    """Replace fx and cx by what sweeps as they are ask for, and fy by the aspect that the drive states.
+
+    On KITTI's sets, fx is then within a pixel, and the speed from there the same within 0.2 m/s, whether K is right, cx
+    is 20 pixels off or both focal lengths 1 %. With that 1 %, the sweeps of KITTI object would show -5.2 m/s instead of
+    4.8. With fy and cy free, they show 3.3 +- 3.2, and those of a jam -3.4 +- 0.9 instead of -1.7: fy ends 2 % too
+    small.
+    """
+    camera, names = observations.camera, ("fx", "cx")
+    maximum = ascend_with(observations, T_start, names)
+    changes = np.array(maximum.changes)
+    adjusted = adjust_observations(observations, Variables(names, with_delay=False), changes)
+    scale = intrinsic_value(adjusted.camera, "fx") / intrinsic_value(camera, "fx")
+    fy = {"fy": scale * intrinsic_value(camera, "fy")}
+    return _Best(replace(adjusted, camera=with_intrinsics(adjusted.camera, fy)), maximum.T_camera_lidar)
 
 
 POLISH, POLISH_WITH_CX = _Ascent(_polish), _Ascent(_polish_with_cx)
@@ -240,7 +283,9 @@ def _fit_speeds(
         # Frames of one scene, and cues, share squares.
         for square, share in zip(parts.by_scene.tolist(), shares.tolist(), strict=True):
             share_by_square[tuple(square)] += share
-        return _Fit(speed_m_s, best.T_camera_lidar, share_by_square, best.inverse_curvature)
+        return _Fit(
+            speed_m_s, best.T_camera_lidar, share_by_square, best.inverse_curvature, best.cx_change_px
+        )
 
     def next_to(near: _Fit, step: int) -> _Fit:
         return fit(near.speed_m_s + step * STEP_M_S, near.T_camera_lidar, near.inverse_curvature)
@@ -291,11 +336,13 @@ def _find_maximum(fits: _Fits) -> MeasuredSpeed | None:
 
 
 def _covariance(fits: _Fits, speed: MeasuredSpeed, skew: Skew) -> Matrix:
-    """Compute the covariance (6, 6) of the pose by errors of the speed and of the moment of the images."""
-    (change,) = local_coordinates([fits.after.T_camera_lidar], fits.before.T_camera_lidar)
-    twist_per_m_s = change / (fits.after.speed_m_s - fits.before.speed_m_s)
+    """Compute the covariance (7, 7) of the pose and cx by errors of the speed and of the moment of the images."""
+    (twist,) = local_coordinates([fits.after.T_camera_lidar], fits.before.T_camera_lidar)
+    change = np.append(twist, fits.after.cx_change_px - fits.before.cx_change_px)
+    change_per_m_s = change / (fits.after.speed_m_s - fits.before.speed_m_s)
     along_view = adjoint(fits.middle.T_camera_lidar)[:, :3] @ skew.view
     # A speed that is not used is an error of its whole size.
     error_m_s = math.hypot(speed.sigma_m_s, speed.along_view_m_s - speed.used_m_s)
-    twists = np.column_stack([twist_per_m_s * error_m_s, along_view * (speed.used_m_s * skew.moment_sigma_s)])
-    return np.asarray(twists @ twists.T)
+    of_moment = np.append(along_view * (speed.used_m_s * skew.moment_sigma_s), 0.0)
+    errors = np.column_stack([change_per_m_s * error_m_s, of_moment])
+    return np.asarray(errors @ errors.T)

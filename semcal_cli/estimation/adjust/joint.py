@@ -73,6 +73,7 @@ def fit_jointly(
     config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float = 0.0,
+    of_speed: Matrix | None = None,
 ) -> JointEstimate:
     """Estimate intrinsics and the time offset together with the pose.
 
@@ -84,12 +85,14 @@ def fit_jointly(
         config: What to estimate, and what is known of it beforehand.
         polish: Settings of the polish, by which data are held out.
         time_offset_s: Time by which the observations assume images to be later than their stamps, seconds.
+        of_speed: (7, 7) covariance of the pose and cx by errors of the speed that deskewed the sweeps and was found
+            together with cx; None without one.
     """
-    joint = _estimate(observations, T_camera_lidar, config, polish, time_offset_s)
+    joint = _estimate(observations, T_camera_lidar, config, polish, time_offset_s, of_speed)
     if not joint.is_kept or not can_be_unrolled(observations):
         return joint
     lines = unrolled(joint.observations, joint.T_camera_lidar)
-    return _estimate(exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s)
+    return _estimate(exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s, of_speed)
 
 
 def _estimate(
@@ -98,11 +101,12 @@ def _estimate(
     config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float,
+    of_speed: Matrix | None,
 ) -> JointEstimate:
     """Estimate once, with points that stay on their lines."""
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     adjusted, asked = replace(observations, camera=camera), Variables(config.intrinsics, config.with_delay)
-    problem = Problem(adjusted, asked, config, polish)
+    problem = Problem(adjusted, asked, config, polish, of_speed)
     fit = problem.fit_determined(T_camera_lidar)
     gain = _held_out_gain(problem, T_camera_lidar, fit)
     is_kept = bool(
@@ -138,14 +142,14 @@ def _estimate(
         camera=refined,
         clock=clock,
         uncertainty=uncertainty,
-        left_open=_left_open(fit, adjusted, T, staying, config),
+        left_open=_left_open(fit, problem, adjusted, T, staying),
         is_kept=is_kept,
         notes=_notes(fit, asked, gain, is_kept),
     )
 
 
 def _left_open(
-    fit: Fit, observations: Observations, T: Pose, asked: Variables, config: AdjustmentConfig
+    fit: Fit, problem: Problem, observations: Observations, T: Pose, asked: Variables
 ) -> Matrix | None:
     """Compute the covariance (6, 6) of a pose from errors of variables that keep the drive's values.
 
@@ -157,10 +161,10 @@ def _left_open(
 
     Args:
         fit: The fit.
+        problem: What was fitted, and what is known of the variables beforehand.
         observations: Observations as the pose sees them.
         T: (4, 4) pose, metres.
         asked: Variables that stay.
-        config: What is known of them beforehand.
     """
     if not asked.names:
         return None
@@ -169,11 +173,15 @@ def _left_open(
     shift = shift_by(around)
     if shift is None:
         return None
-    about = np.diag(asked.sigmas(camera, config) ** 2)
+    about = np.diag(asked.sigmas(camera, problem.config) ** 2)
     indices = [asked.names.index(name) for name in fit.variables.names if name in asked.names]
     if indices and fit.covariance is not None:
         about[np.ix_(indices, indices)] = fit.covariance[np.ix_(fit.places, fit.places)]
         about[np.ix_(indices, indices)] += np.outer(fit.changes, fit.changes)
+        if problem.of_speed is not None and "cx" in fit.variables.names:
+            # What a speed does to the pose includes what it does by cx.
+            at_cx = asked.names.index("cx")
+            about[at_cx, at_cx] -= problem.of_speed[6, 6]
     return np.asarray(shift @ about @ shift.T)
 
 
