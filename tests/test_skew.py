@@ -166,7 +166,7 @@ def test_an_error_of_the_speed_is_part_of_the_interval(
     """A speed that is not used because it is uncertain counts as an error, along what it does to the pose."""
     skew = skew_at(street_truth)._replace(moment_sigma_s=0.0)
     used = deskew(skewed, skew, street_truth)
-    monkeypatch.setattr(speeds, "MAX_SIGMA_M_S", 0.0)
+    monkeypatch.setattr(speeds, "MIN_SIGMAS", np.inf)
     unused = deskew(skewed, skew, street_truth)
     assert used.speed is not None
     assert unused.speed is not None

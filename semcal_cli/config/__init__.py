@@ -212,9 +212,9 @@ class StartsConfig:
     finest."""
     contrast: ContrastConfig | None = None
     """How starts are chosen and coarse levels ascended by contrast; None if information leads there."""
-    min_scenes_beside: int | None = None
-    """Number of scenes from which higher maxima beside the best one are looked for; in fewer scenes, maxima differ by
-    chance. None if none are looked for."""
+    few_scenes: int | None = None
+    """Higher maxima are looked for close around the best one. With fewer scenes than this, which have maxima farther
+    apart, they are also looked for farther away. None if none are looked for."""
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ KITTI = TRIGGERED | {
 }
 """What `import` states of KITTI: the LiDAR turns and triggers the cameras."""
 KITTI_360 = KITTI | {"time_offset_sigma_s": MOMENT_360_SIGMA_S}
+DDAD = TRIGGERED | {"lidar": {"origin_m": [1.38, 0.0, 1.63]}}
+"""Points are in the frame of the vehicle, and rays start on its roof, where `ray_origin.py` finds it."""
 
 
 class RealDrive(NamedTuple):
@@ -174,7 +176,7 @@ def _ddad(source: Path, folder: Path) -> Iterator[RealDrive]:
     for name, camera in json.loads((source / "calib.json").read_text()).items():
         frames = [_frame(cloud, source / name / f"{cloud.stem}.jpg") for cloud in clouds]
         lens, T = _lens(camera["K"], camera["size"]), np.array(camera["T_cam_lidar"])
-        yield _write(folder, f"DDAD {name[7:]}, {len(frames)} pairs", lens, frames, T, **KITTI)
+        yield _write(folder, f"DDAD {name[7:]}, {len(frames)} pairs", lens, frames, T, **DDAD)
 
 
 def _sustech(source: Path, folder: Path) -> Iterator[RealDrive]:

@@ -2,8 +2,7 @@
 
     python tests/benchmarks/real_rig.py ../shared/data [--rig ddad_scene] [--cameras 6] [--starts 3]
 
-DDAD's points are in the frame of the vehicle, and rays start on its roof, at the place that `ray_origin.py` finds. Each
-rig is calibrated twice: its cameras alone, and with `match_images`.
+Each rig is calibrated twice: its cameras alone, and with `match_images`.
 """
 
 from __future__ import annotations
@@ -24,8 +23,6 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.result.calibration_document import read_calibration
-
-ORIGIN_M = [1.38, 0.0, 1.63]
 
 
 def main(data: Path, *, rig: str = "ddad_scene", cameras: int = 6, starts: int = 3) -> Iterator[str]:
@@ -75,7 +72,6 @@ def _written_rig(data: Path, folder: Path, start: int, cameras: int) -> dict[str
         rng = np.random.default_rng(100 * start + index)
         T_start = displace(published[name], *STARTS["near"], rng)
         document |= {"T_camera_lidar": T_start.tolist()}
-        document |= {"lidar": {"origin_m": ORIGIN_M}} if data.name == "ddad_scene" else {}
         (real.path / DRIVE_FILE).write_text(yaml.safe_dump(document))
     return published
 

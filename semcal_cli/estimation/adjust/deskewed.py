@@ -43,14 +43,11 @@ AT_A_SPEED = ClimbConfig(max_searches=2)
 """Searches for the highest maximum at one speed."""
 LAST_M_S = 40.0
 """Speed at which the search ends without a maximum."""
-MAX_SIGMA_M_S = 2.0
-"""Largest standard error with which a speed deskews sweeps. On KITTI object, 6.4 m/s move the camera by 2.1 cm, and
-this error by 0.7 cm (`tests/benchmarks/closure.py`)."""
-MAX_SIGMA_WITH_CX_M_S = STEP_M_S
-"""The same where the speed is found together with cx: the step of its parabola. Such a speed deskews sweeps however
-near a standstill it is, because a wrong standstill is an error of cx as well."""
 MIN_SIGMAS = 3.0
 """Standard errors from a standstill, from which a speed deskews sweeps."""
+MAX_SIGMA_WITH_CX_M_S = STEP_M_S
+"""Largest standard error with which a speed that is found together with cx does: the step of its parabola. Such a speed
+deskews sweeps however near a standstill it is, because a wrong standstill is an error of cx as well."""
 MIN_SCENES = 4
 """Smallest number of scenes that show a speed: in one scene, errors of the pose may look like one."""
 
@@ -327,11 +324,10 @@ def _find_maximum(fits: _Fits) -> MeasuredSpeed | None:
     correction = np.sqrt(counts / np.maximum(counts - 1, 1))
     sigma_m_s = float(np.linalg.norm(correction[scenes] * (slopes - means[scenes]))) / bend
     along_view_m_s = fits.middle.speed_m_s + away_m_s
-    is_moving = abs(along_view_m_s) >= MIN_SIGMAS * sigma_m_s
     return MeasuredSpeed(
         along_view_m_s=along_view_m_s,
         sigma_m_s=sigma_m_s,
-        is_used=is_moving and sigma_m_s <= MAX_SIGMA_M_S,
+        is_used=abs(along_view_m_s) >= MIN_SIGMAS * sigma_m_s,
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,11 +27,22 @@ ends tell whether the maximum is alone. On three KITTI sets it is, so that nothi
 SAME_DEG, SAME_M = 0.05, 0.015
 """Poses within this distance are at the same maximum, or on the way to it. With twice the distance, an earlier climb by
 polishes stayed 22 cm off on a street of KITTI-360."""
-NUM_STARTS, SPREAD_DEG, SPREAD_M = 12, (0.15, 0.5), (0.06, 0.2)
-"""Number of poses from which a search ascends, the maximum and others beside it, and the distances of these. After a
-search in vain, the next one has twice as many."""
 NUM_POLISHED, MAX_VAIN = 3, 2
 """Number of the best ends of a search that are polished, and of searches in a row that end no higher."""
+
+
+class _Around(NamedTuple):
+    """Poses from which a search ascends: the maximum, and others around it."""
+
+    number: int
+    """Number of poses. After a search in vain, the next one has twice as many."""
+    spread_deg: tuple[float, float]
+    spread_m: tuple[float, float]
+    """Distances of the nearest and of the farthest from the maximum."""
+
+
+CLOSE, WIDE = _Around(12, (0.15, 0.5), (0.06, 0.2)), _Around(24, (0.2, 1.5), (0.05, 0.4))
+"""Poses around a maximum of many scenes, and of few (docs/benchmarks_cues.md)."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +73,11 @@ def has_other_maxima(
 
     Args:
         observations: Points and pixels of all frames.
-        starts: Starts of the search for the maximum, which state of how many scenes others are searched for; None for
-            one start.
+        starts: Starts of the search for the maximum, which state whether others are searched for; None for one start.
         T_camera_lidar: (4, 4) maximum, metres.
         rng: Source of the poses beside it.
     """
-    needed = None if starts is None else starts.min_scenes_beside
-    if needed is None or len(set(observations.scenes)) < needed:
+    if starts is None or starts.few_scenes is None:
         return False
     T_polished: Pose | None = None
     for distance in BESIDE:
@@ -93,7 +103,7 @@ def climb(
     """Search around a maximum for a higher one, then around that, until two searches in a row find none.
 
     Args:
-        observations: Points and pixels of all frames.
+        observations: Points and pixels of all frames. Where they are few scenes, it is searched farther around.
         T_camera_lidar: (4, 4) maximum, metres.
         rng: Source of the poses and mini-batches.
         config: Number of searches, and how their ends are polished.
@@ -102,9 +112,12 @@ def climb(
     Returns:
         The highest maximum (4, 4) found; the given pose if none is higher.
     """
+    few_scenes = 0 if observations.starts is None else observations.starts.few_scenes or 0
+    around = WIDE if len(set(observations.scenes)) < few_scenes else CLOSE
     T_highest, num_vain = T_camera_lidar, 0
     for _ in range(config.max_searches):
-        T = _search(observations, T_highest, NUM_STARTS << num_vain, rng, config.rounds, is_allowed)
+        more = around._replace(number=around.number << num_vain)
+        T = _search(observations, T_highest, more, rng, config.rounds, is_allowed)
         num_vain = num_vain + 1 if compare_poses(T, T_highest).is_within(SAME_DEG, SAME_M) else 0
         T_highest = T
         if num_vain == MAX_VAIN:
@@ -117,13 +130,15 @@ def climb(
 def _search(
     observations: Observations,
     T_camera_lidar: Pose,
-    num_starts: int,
+    around: _Around,
     rng: np.random.Generator,
     rounds: int,
     is_allowed: Callable[[Pose], bool],
 ) -> Pose:
     """Ascend from a maximum (4, 4) and poses around it, and return the highest end, or the maximum itself."""
-    angles_deg, distances_m = (np.linspace(*spread, num_starts - 1) for spread in (SPREAD_DEG, SPREAD_M))
+    angles_deg, distances_m = (
+        np.linspace(*spread, around.number - 1) for spread in (around.spread_deg, around.spread_m)
+    )
     beside = [displace(T_camera_lidar, *away, rng) for away in zip(angles_deg, distances_m, strict=True)]
     coarse = None if observations.starts is None else observations.starts.coarse
     config = exact_config(observations, coarse or ExactConfig())
