@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import yaml
 from commands import invoke
-from conftest import FINE_STREET, make_pose, without
+from conftest import FINE_STREET, make_pose, real, without
+from dataset_imports import run_import
 
 from semcal_cli import core, threads
 from semcal_cli.checks import other_pose
@@ -336,6 +337,16 @@ def test_a_higher_maximum_beside_is_found(seen: Observations, street_truth: Pose
     assert compare_poses(unsearched.T_camera_lidar, lower).is_within(0.1, 0.01)
     # That of the street itself is alone.
     assert not ascend(seen, street_truth).has_other_maxima
+
+
+@pytest.mark.parametrize("seed", [90, 91])
+def test_one_real_frame_is_right_from_different_starts(seed: int, tmp_path: Path) -> None:
+    run_import("opencalib", real("opencalib_road"), "--sequence", "3", "-o", tmp_path / "drive")
+    drive = read_drive(tmp_path / "drive")
+    published, config = np.array(drive.T_camera_lidar), CalibrationConfig(cues=("edges",))
+    start = InitialPose(displace(published, 2.0, 0.2, np.random.default_rng(seed)), "start")
+    found = calibrate(load(drive, config), config, initial_pose=start)
+    assert compare_poses(found.pose, published).is_within(0.2, 0.05)
 
 
 def test_the_search_around_a_pose_beside_finds_the_right_one(
