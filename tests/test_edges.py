@@ -20,6 +20,7 @@ from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.refine import higher_maxima
 from semcal_cli.estimation.refine.higher_maxima import climb
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level
@@ -36,6 +37,7 @@ from semcal_cli.observations.cues.edges import (
     NO_EDGE,
     STARTS,
     STARTS_ALONE,
+    EdgesConfig,
     edges_of_sweeps,
     gradients,
     observe_edges,
@@ -303,8 +305,14 @@ def test_a_maximum_beside_the_result_is_a_rival(
     beside = make_pose((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)) @ street_truth
     uncertainty = SimpleNamespace(half_widths=np.full(6, 0.05))
 
+    nums_polished = list[int]()
+
     def sentences(end: Pose) -> str:
-        monkeypatch.setattr(other_pose, "newton_from_each", lambda _, starts, __: [end for _ in starts])
+        def polished(_: object, starts: list[Pose], __: object) -> list[Pose]:
+            nums_polished.append(len(starts))
+            return [end for _ in starts]
+
+        monkeypatch.setattr(other_pose, "newton_from_each", polished)
         monkeypatch.setattr(
             other_pose,
             "sigmas_behind",
@@ -314,8 +322,11 @@ def test_a_maximum_beside_the_result_is_a_rival(
         return " ".join(str(finding) for each in measured for finding in each.findings)
 
     assert "10 cm away" in sentences(beside)
+    # Where one ends elsewhere, more are tried.
+    assert nums_polished == [other_pose.FIRST_BESIDE, other_pose.MORE_BESIDE]
     # What comes back to the result is none.
     assert "10 cm away" not in sentences(street_truth)
+    assert nums_polished[2:] == [other_pose.FIRST_BESIDE]
 
 
 def test_a_higher_maximum_beside_is_found(seen: Observations, street_truth: Pose) -> None:
@@ -323,8 +334,8 @@ def test_a_higher_maximum_beside_is_found(seen: Observations, street_truth: Pose
     # The right pose is painted over the other one, and fits better.
     painted = with_painted_edges(seen, (lower, 6), (street_truth, 6))
 
-    def ascend(observations: Observations, T_start: Pose, few_scenes: int | None = 1) -> Level:
-        starts = replace(STARTS_ALONE, num_starts=(1,), few_scenes=few_scenes)
+    def ascend(observations: Observations, T_start: Pose, searches_beside: bool = True) -> Level:
+        starts = replace(STARTS_ALONE, num_starts=(1,), searches_beside=searches_beside)
         several = SeveralStarts(observations, ExactConfig(steps=0), 0, starts)
         return several.ascend(1, T_start, visible_only=True)
 
@@ -332,11 +343,46 @@ def test_a_higher_maximum_beside_is_found(seen: Observations, street_truth: Pose
         found = ascend(painted, start)
         assert found.has_other_maxima
         assert compare_poses(found.T_camera_lidar, street_truth).is_within(0.1, 0.01)
-    unsearched = ascend(painted, lower, None)
+    unsearched = ascend(painted, lower, searches_beside=False)
     assert not unsearched.has_other_maxima
     assert compare_poses(unsearched.T_camera_lidar, lower).is_within(0.1, 0.01)
     # That of the street itself is alone.
     assert not ascend(seen, street_truth).has_other_maxima
+
+
+def test_searches_reach_farther_in_few_scenes_and_end_when_two_in_a_row_find_nothing(
+    seen: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    higher = make_pose((0.0, 0.01, 0.0), (0.0, 0.0, 0.0)) @ street_truth
+    searched = list[tuple[int, float]]()
+
+    def search(_: object, T: Pose, around: higher_maxima._Around, *__: object) -> Pose:
+        searched.append((around.number, around.spread_deg[1]))
+        return higher
+
+    monkeypatch.setattr(higher_maxima, "_search", search)
+    for num_frames, number, farthest_deg in ((seen.num_frames, 12, 0.5), (1, 24, 1.5)):
+        searched.clear()
+        climb(seen.of_frames(range(num_frames)), street_truth, np.random.default_rng(0))
+        assert searched == [(number, farthest_deg), (number, farthest_deg), (2 * number, farthest_deg)]
+
+
+def test_gradients_of_the_road_are_not_compared_with_those_of_the_horizon(street: Path) -> None:
+    camera = read_drive(street).camera
+    texture = np.random.default_rng(0).normal(0.0, 40.0, (camera.height, camera.width))
+    horizon = camera.height // 2
+    texture[horizon:] /= 4.0
+    image = np.repeat((128.0 + texture)[:, :, None].clip(0, 255), 3, axis=2).astype(np.uint8)
+    seen_everywhere = np.ones((camera.height, camera.width), bool)
+    px_per_deg = core_camera(camera).pixels_per_radian * np.pi / 180.0
+
+    def weakened(config: EdgesConfig) -> float:
+        strength, _ = gradients(camera, image, seen_everywhere, 1.5, config)
+        near, far = (strength[horizon + int(below_deg * px_per_deg)].mean() for below_deg in (5.0, 15.0))
+        return float(near / far)
+
+    assert weakened(EDGES) > 0.95
+    assert weakened(replace(EDGES, surroundings_across_deg=6.0)) < 0.85
 
 
 @pytest.mark.parametrize("seed", [90, 91])

@@ -114,8 +114,10 @@ def _rivals(
     rivals, near = _maxima(observations, T_camera_lidar)
     if uncertainty is None:
         return rivals
-    beside = _beside(T_camera_lidar)
-    parts = (beside[:FIRST_BESIDE], beside[FIRST_BESIDE:]) if observations.is_multimodal else (near,)
+    parts: Sequence[Sequence[Pose]] = (near,)
+    if observations.is_multimodal:
+        beside = _beside(T_camera_lidar)
+        parts = beside[:FIRST_BESIDE], beside[FIRST_BESIDE:]
     for starts in parts:
         ends = newton_from_each(observations, starts, PolishConfig())
         offsets = [np.abs(compare_poses(T_end, T_camera_lidar).offsets) for T_end in ends]

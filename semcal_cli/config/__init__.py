@@ -212,9 +212,8 @@ class StartsConfig:
     finest."""
     contrast: ContrastConfig | None = None
     """How starts are chosen and coarse levels ascended by contrast; None if information leads there."""
-    few_scenes: int | None = None
-    """Higher maxima are looked for close around the best one. With fewer scenes than this, which have maxima farther
-    apart, they are also looked for farther away. None if none are looked for."""
+    searches_beside: bool = False
+    """Whether higher maxima are looked for around the best one."""
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,10 @@ class _Around(NamedTuple):
     """Distances of the nearest and of the farthest from the maximum."""
 
 
+MANY_SCENES = 4
+"""Number of scenes that are many: that from which poses by edges are trusted."""
 CLOSE, WIDE = _Around(12, (0.15, 0.5), (0.06, 0.2)), _Around(24, (0.2, 1.5), (0.05, 0.4))
-"""Poses around a maximum of many scenes, and of few (docs/benchmarks_cues.md)."""
+"""Poses around a maximum of many scenes, and of few, whose maxima lie farther apart (docs/benchmarks_cues.md)."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def has_other_maxima(
         T_camera_lidar: (4, 4) maximum, metres.
         rng: Source of the poses beside it.
     """
-    if starts is None or starts.few_scenes is None:
+    if starts is None or not starts.searches_beside:
         return False
     T_polished: Pose | None = None
     for distance in BESIDE:
@@ -112,8 +114,7 @@ def climb(
     Returns:
         The highest maximum (4, 4) found; the given pose if none is higher.
     """
-    few_scenes = 0 if observations.starts is None else observations.starts.few_scenes or 0
-    around = WIDE if len(set(observations.scenes)) < few_scenes else CLOSE
+    around = CLOSE if len(set(observations.scenes)) >= MANY_SCENES else WIDE
     T_highest, num_vain = T_camera_lidar, 0
     for _ in range(config.max_searches):
         more = around._replace(number=around.number << num_vain)

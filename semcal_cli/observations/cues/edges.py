@@ -264,7 +264,7 @@ STARTS_ALONE = replace(
         max_points=10_000,
         distance_weight=0.1,
     ),
-    few_scenes=MIN_SCENES,
+    searches_beside=True,
 )
 """A start is known to 5 degrees and 0.3 m. Farther away, information may be higher where edges lie on weak gradients.
 Larger steps in range are more surely edges of the image than smaller ones, and than steps in intensity: on a street of
