@@ -236,9 +236,15 @@ def test_a_spin_gives_the_times_that_points_lack(fields: list[str], tmp_path: Pa
     # At 10 m/s, the points of a sweep of 0.1 s are moved by up to a metre.
     measured = np.stack([records[axis] for axis in "xyz"], axis=1)
     assert all(np.linalg.norm(frame.cloud.points - measured, axis=1).max() > 0.5 for frame in frames)
-    for wrong in ("10:cw", "10:left:0", "0:cw:0", "10:cw:0:late", "10:cw:0:end:1"):
+    for wrong, problem in {
+        "10:cw": "found '10:cw', expected HZ:cw|ccw:SEAM_DEG[:start|middle|end], such as",
+        "10:left:0": "found '10:left:0', expected HZ:cw|ccw:SEAM_DEG",
+        "10:cw:0:end:1": "found '10:cw:0:end:1', expected HZ:cw|ccw:SEAM_DEG",
+        "0:cw:0": "HZ: found 0.0, needed at least 1.0",
+        "10:cw:0:late": "stamp: found 'late', expected 'start', 'middle' or 'end'",
+    }.items():
         result = run_cli("import", "bag", path, "--spin", wrong, "-o", tmp_path / "drive", code=2)
-        assert f"found '{wrong}', expected HZ:cw|ccw:SEAM_DEG[:start|middle|end], such as" in result.stderr
+        assert problem in result.stderr
 
 
 FAR = pose_from_mounting([0, 0, 0], [500.0, 0, 0])

@@ -7,6 +7,10 @@ from typing import Any, get_args
 import click
 
 from semcal_cli.config.point_files import MAX_UNIT_S, SECONDS_PER_UNIT, PointColumn
+from semcal_cli.errors import InputError
+
+KEYS = {"rate_hz": "HZ", "seam_deg": "SEAM_DEG"}
+"""What the parts of `--spin` are called there."""
 
 
 class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
@@ -17,6 +21,7 @@ class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, Any]:
         """Parse the spin."""
         from semcal_cli.drive.lidar import Spin
+        from semcal_cli.files.validation import validate
 
         if isinstance(value, dict):
             return value
@@ -27,10 +32,13 @@ class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
             is_clockwise = {"cw": True, "ccw": False}[spin["clockwise"]]
             if len(parts) > len(spin):
                 raise ValueError(value)
-            return Spin.model_validate(spin | numbers | {"clockwise": is_clockwise}).model_dump()
         except (KeyError, ValueError):
             needed = f"{self.name}, such as 10:cw:180:end"
             self.fail(f"found {str(value)[:40]!r}, expected {needed}.", param, ctx)
+        try:
+            return validate(Spin, spin | numbers | {"clockwise": is_clockwise}, "", KEYS).model_dump()
+        except InputError as error:
+            self.fail(str(error), param, ctx)
 
 
 class PointColumns(click.ParamType):  # type: ignore[type-arg]

@@ -107,8 +107,9 @@ def refine_pose(
         )
         if level.num_points < config.min_points:
             total = sum(int((cloud.classes != NO_CLASS).sum()) for cloud in observations.clouds)
+            problem = "too few points" if total < config.min_points else "no overlap"
             raise CalibrationError(
-                f"no overlap: {level.num_points} of {total} points land on pixels with classes, "
+                f"{problem}: {level.num_points} of {total} points land on pixels with classes, "
                 f"needed {config.min_points}"
             )
         levels.append(level)
