@@ -42,6 +42,14 @@ def test_hostile_drives(drive: Path, cli: Cli, edit: Edit, message: str) -> None
     assert output.read_text() == "semcal_calibration: 1"
 
 
+def test_an_image_of_three_pixels_is_too_small(street: Path, tmp_path: Path, cli: Cli) -> None:
+    with edited(street, tmp_path) as document:
+        document["camera"]["height"] = 3
+    code, _, err = cli("calibrate", tmp_path, "-o", tmp_path / "out.yaml", "-q")
+    assert code == EXIT_FAILURE
+    assert err.endswith("drive.yaml: camera: found 640 x 3 pixels, needed at least 4 x 4\n")
+
+
 def test_a_start_that_looks_away_is_no_overlap(street: Path, tmp_path: Path, cli: Cli) -> None:
     with edited(street, tmp_path) as document:
         # The camera looks along the LiDAR's z axis, into the sky.

@@ -23,8 +23,7 @@ CameraModel: TypeAlias = Literal[
     "fov",
     "double_sphere",
 ]
-ImageSide = Annotated[int, Field(ge=4, le=0xFFFF)]
-"""Pixels. The coarsest blocks on which a pose is assessed are 4 pixels wide."""
+ImageSide = Annotated[int, Field(gt=0, le=0xFFFF)]
 Sigma = Annotated[float, Field(ge=0.0, le=1e6)]
 Pixels = Annotated[float, Field(ge=-1e9, le=1e9)]
 """Entry of K. The limits are beyond any image."""

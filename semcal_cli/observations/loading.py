@@ -36,6 +36,9 @@ from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.scenes import copied_frames
 
+MIN_SIDE = 4
+"""Smallest side of an image, pixels: that of the coarsest blocks on which a pose is assessed."""
+
 
 @dataclass(frozen=True)
 class LoadedDrive:
@@ -186,6 +189,11 @@ def load(
             config.refinement
         )
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
+    width, height = whole.camera.size
+    if min(width, height) < MIN_SIDE:
+        raise InputError(
+            f"{whole.path}: camera: found {width} x {height} pixels, needed at least {MIN_SIDE} x {MIN_SIDE}"
+        )
     whole = whole.model_copy(update={"camera": with_sigma(whole.camera, config.refinement.jointly)})
     on_event(Progress(f"choosing from {len(whole.frames)} frames"))
     sweeps = sweeps or SweepCache()
