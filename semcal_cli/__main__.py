@@ -5,8 +5,8 @@ import os
 import signal
 
 GARBAGE_AFTER = 200_000
-"""Number of new objects after which Python collects garbage, instead of 700: imports create half as many, and no
-garbage."""
+"""Number of new objects after which Python collects garbage, instead of a few hundred or thousand: imports create half
+as many, and no garbage. It holds for the whole run, because each command imports its modules when it is called."""
 
 
 def main() -> None:

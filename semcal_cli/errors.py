@@ -28,6 +28,8 @@ _COMPARED = re.compile(r"[-+]?\d|at (most|least)|(more|less) than|fewer|norm|[\[
 """How an expected value begins that a person compares with the found one."""
 MAX_MORE_DIGITS = 6
 """Maximum number of digits that are added to tell two numbers apart."""
+_PLATFORMS = {"e57": "Linux on x86-64 and on a Mac with Apple silicon"}
+"""Where an extra exists that does not exist everywhere: elsewhere pip installs nothing, and reports no error."""
 
 
 class SemcalError(Exception):
@@ -217,7 +219,8 @@ def is_installed(package: str) -> bool:
 
 def describe_extra(extra: str) -> str:
     """Name an extra and the command that installs it from where semcal itself came from."""
-    return f"the extra '{extra}': pip install '{_requirement(extra)}'"
+    platforms = f", which exists only on {_PLATFORMS[extra]}" if extra in _PLATFORMS else ""
+    return f"the extra '{extra}'{platforms}: pip install '{_requirement(extra)}'"
 
 
 def _requirement(extra: str) -> str:

@@ -6,18 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pye57
-from pye57 import libe57
+import pytest
 
 PAGE_BYTES, CONTENT_BYTES = 1024, 1020
 CASTAGNOLI = 0x82F63B78
 """Polynomial of the checksum of a page, CRC-32C, with its bits reversed."""
 
-Node = Callable[[libe57.ImageFile], Any]
+Node = Callable[[Any], Any]
+"""Makes the node of a field in an image file of libE57."""
 
 
 def write_e57(cloud: np.ndarray, path: Path) -> Path:
     """Write a scan with a pose, colours and the rows of a grid; no returns have coordinates, too."""
+    pye57 = pytest.importorskip("pye57")
     is_no_return = ~np.stack([cloud[axis] != 0 for axis in "xyz"]).any(axis=0)
     columns = {f"cartesian{axis.upper()}": np.where(is_no_return, 7, cloud[axis]) for axis in "xyz"}
     columns |= {"intensity": cloud["intensity"], "cartesianInvalidState": is_no_return.astype(int)}
@@ -30,6 +31,7 @@ def write_e57(cloud: np.ndarray, path: Path) -> Path:
 
 def write_scans(path: Path, *scans: dict[str, tuple[Node, np.ndarray]]) -> Path:
     """Write scans by the nodes of their fields in the prototype, and the values."""
+    pye57, libe57 = pytest.importorskip("pye57"), pytest.importorskip("pye57.libe57")
     with pye57.E57(str(path), "w") as file:
         image = file.image_file
         for fields in scans:

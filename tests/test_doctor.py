@@ -12,7 +12,6 @@ from commands import invoke, unwrapped
 from documentation import ROOT
 from huggingface_hub import constants
 
-from semcal_cli import errors
 from semcal_cli.cli import doctor
 from semcal_cli.cli.doctor import EXTRAS
 from semcal_cli.errors import describe_extra
@@ -63,7 +62,9 @@ def test_an_extra_comes_from_where_semcal_came_from(
     record: object, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = None if record is None else json.dumps(record)
-    monkeypatch.setattr(errors, "distribution", lambda name: SimpleNamespace(read_text=lambda file: text))
+    monkeypatch.setattr(
+        "importlib.metadata.distribution", lambda name: SimpleNamespace(read_text=lambda file: text)
+    )
     assert describe_extra("bag") == f"the extra 'bag': pip install '{expected}'"
 
 

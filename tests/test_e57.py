@@ -3,30 +3,32 @@
 import os
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from e57_scans import Node, content_of, edit_xml, paged, write_e57, write_scans
-from pye57 import libe57
 from test_point_clouds import little_cloud, read
 
 from semcal_cli.config.file_limits import MAX_E57_ELEMENTS
 from semcal_cli.errors import InputError
+
+libe57 = pytest.importorskip("pye57.libe57")
 
 STEP_M = 1 / 128
 POINTS = np.array([[1.0, 2.0, -0.5], [-4.0, 5.0, 6.0], [0.0, 0.0, 3.0]])
 TIMES = np.array([0.0, 0.25, 0.5])
 
 
-def of_float(image: libe57.ImageFile) -> libe57.FloatNode:
+def of_float(image: Any) -> Any:
     return libe57.FloatNode(image)
 
 
-def of_steps(image: libe57.ImageFile) -> libe57.ScaledIntegerNode:
+def of_steps(image: Any) -> Any:
     return libe57.ScaledIntegerNode(image, 0, -(2**15), 2**15, STEP_M, 0.0)
 
 
-def of_states(image: libe57.ImageFile) -> libe57.IntegerNode:
+def of_states(image: Any) -> Any:
     return libe57.IntegerNode(image, 0, 0, 2)
 
 
@@ -60,6 +62,21 @@ def test_directions_without_a_distance_are_no_returns(tmp_path: Path) -> None:
     cloud = read(write_scans(tmp_path / "a.e57", fields))
     np.testing.assert_allclose(cloud.points, POINTS[:1], rtol=0, atol=1e-6)
     assert cloud.num_no_returns == 2
+
+
+@pytest.mark.parametrize("kept", ["time", "intensity"])
+def test_values_that_the_file_calls_invalid_are_missing(kept: str, tmp_path: Path) -> None:
+    all_invalid, one_invalid = np.ones(3, np.int8), np.array([0, 1, 0], np.int8)
+    flags = {"time": "isTimeStampInvalid", "intensity": "isIntensityInvalid"}
+    fields = {**cartesian(of_steps), "timeStamp": (of_float, TIMES), "intensity": (of_float, TIMES)}
+    fields |= {
+        flag: (of_states, one_invalid if name == kept else all_invalid) for name, flag in flags.items()
+    }
+    cloud = read(write_scans(tmp_path / "a.e57", fields))
+    np.testing.assert_allclose(cloud.points, POINTS, rtol=0, atol=1e-6)
+    (left_out,) = flags.keys() - {kept}
+    assert getattr(cloud, left_out) is None
+    np.testing.assert_array_equal(getattr(cloud, kept), [0.0, np.nan, 0.5])
 
 
 def test_a_name_in_other_characters(tmp_path: Path) -> None:

@@ -202,6 +202,12 @@ def test_a_library_that_is_not_there_is_named_with_its_extra() -> None:
         match=r"^a\.laz: found no such_library; install the extra 'las': pip install 'semcal\[las\]",
     ):
         check_installed("a.laz", "such_library", "las")
+    with pytest.raises(
+        InputError,
+        match=r"^a\.e57: found no such_library; install the extra 'e57', which exists only on Linux on x86-64 and on a "
+        r"Mac with Apple silicon: pip install 'semcal\[e57\]",
+    ):
+        check_installed("a.e57", "such_library", "e57")
 
 
 def test_the_demo_shows_mine_beside_the_exact_estimator(

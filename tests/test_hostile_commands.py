@@ -29,6 +29,8 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("name", CASES)
 def test_hostile_cases_are_refused_in_a_line(name: str, drives: Path, tmp_path: Path) -> None:
+    if ".e57" in name:
+        pytest.importorskip("pye57")
     for drive in ("drive", "other"):
         shutil.copytree(drives / drive, tmp_path / drive)
     check(CASES[name], tmp_path)

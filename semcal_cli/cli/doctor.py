@@ -47,7 +47,7 @@ EXTRAS = {
     ),
     "mine": Extra({"torch": "torch"}, "the paper's estimator, MINE, and feature vectors"),
     "las": Extra({"laspy": "laspy", "lazrs": "lazrs"}, "point clouds in .las and .laz"),
-    "e57": Extra({"pye57": "pye57"}, "point clouds in .e57, on x86-64 and on a Mac with Apple silicon"),
+    "e57": Extra({"pye57": "pye57"}, "point clouds in .e57"),
     "velodyne": Extra({"velodyne_decoder": "velodyne-decoder"}, "recordings with packets of a Velodyne"),
     "view": Extra({"rerun": "rerun-sdk"}, "`semcal export rerun`"),
     "dask": Extra({"distributed": "distributed"}, "`semcal batch --dask`"),

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO
 from xml.parsers import expat
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 
 from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES, MAX_E57_ELEMENTS
 from semcal_cli.errors import InputError, counted, describe
@@ -35,6 +36,8 @@ SYSTEMS = {
 FIELDS = {"intensity": ("intensity", "f4"), "timeStamp": ("time", "f8")}
 """Fields that are used in addition to the coordinates, with their names and types in a cloud. Rows of a scanner's grid
 are no rings of a LiDAR: a grid has thousands of them, and the search for a scan pattern does without."""
+FLAGS = {"intensity": "isIntensityInvalid", "time": "isTimeStampInvalid"}
+"""Fields that are not zero where the value of a column means nothing."""
 
 
 def check_e57(path: Path, file: BinaryIO, max_points: int) -> None:
@@ -48,7 +51,10 @@ def check_e57(path: Path, file: BinaryIO, max_points: int) -> None:
 
 
 def read_e57(path: Path, _: BinaryIO) -> Array:
-    """Read the points of a checked file as records, with zeros where nothing returned."""
+    """Read the points of a checked file as records: zeros where nothing returned, NaN for other invalid values.
+
+    A column without a valid value is left out.
+    """
     from pye57 import libe57
 
     with _opened(path) as (image, points):
@@ -62,7 +68,8 @@ def read_e57(path: Path, _: BinaryIO) -> Array:
         if count == 0:
             raise InputError(f"{path}: holds no points")
         axes = {axis: (name, "f4") for axis, name in zip(SYSTEMS[system], "xyz", strict=True)}
-        fields = {**axes, **FIELDS, f"{system}InvalidState": ("state", "i1")}
+        flags = {flag: (flag, "i1") for flag in FLAGS.values()}
+        fields = {**axes, **FIELDS, **flags, f"{system}InvalidState": ("state", "i1")}
         fields = {field: column for field, column in fields.items() if prototype.isDefined(field)}
         records: Array = np.zeros(count, list(fields.values()))
         buffers = libe57.VectorSourceDestBuffer()
@@ -76,7 +83,14 @@ def read_e57(path: Path, _: BinaryIO) -> Array:
     if f"{system}InvalidState" in fields:
         for name in "xyz":
             records[name][records["state"] != 0] = 0
-    return records
+    names = [name for name, _type in fields.values()]
+    for name, flag in FLAGS.items():
+        if name in names and flag in names:
+            is_invalid = records[flag] != 0
+            records[name][is_invalid] = np.nan
+            if is_invalid.all():
+                names.remove(name)
+    return repack_fields(records[names])
 
 
 def _cartesian(distance: Array, azimuth: Array, elevation: Array) -> tuple[Array, Array, Array]:
