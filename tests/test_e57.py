@@ -64,6 +64,18 @@ def test_directions_without_a_distance_are_no_returns(tmp_path: Path) -> None:
     assert cloud.num_no_returns == 2
 
 
+@pytest.mark.parametrize("fields", [cartesian(of_float), spherical()])
+def test_an_infinite_coordinate_is_no_return(
+    fields: dict[str, tuple[Node, np.ndarray]], tmp_path: Path
+) -> None:
+    for node, column in [*fields.values()][-1:]:
+        assert node is of_float
+        column[2] = np.inf
+    cloud = read(write_scans(tmp_path / "a.e57", fields))
+    np.testing.assert_allclose(cloud.points, POINTS[:2], rtol=0, atol=1e-6)
+    assert cloud.num_no_returns == 1
+
+
 @pytest.mark.parametrize("kept", ["time", "intensity"])
 def test_values_that_the_file_calls_invalid_are_missing(kept: str, tmp_path: Path) -> None:
     all_invalid, one_invalid = np.ones(3, np.int8), np.array([0, 1, 0], np.int8)
@@ -88,8 +100,10 @@ def test_a_name_in_other_characters(tmp_path: Path) -> None:
 def test_files_of_other_than_one_scan_are_refused(num_scans: int, tmp_path: Path) -> None:
     """Scans of several places are no sweep that one camera sees from one place."""
     path = write_scans(tmp_path / "a.e57", *[cartesian(of_float)] * num_scans)
-    needed = "needed one: write each scan to a file of its own, in the frame of its scanner"
-    with pytest.raises(InputError, match=f"^{re.escape(str(path))}: found {num_scans} scans, {needed}$"):
+    advice = ": write each scan to a file of its own, in the frame of its scanner" if num_scans else ""
+    with pytest.raises(
+        InputError, match=f"^{re.escape(str(path))}: found {num_scans} scans, needed one{advice}$"
+    ):
         read(path)
 
 

@@ -44,7 +44,9 @@ def check_e57(path: Path, file: BinaryIO, max_points: int) -> None:
     """Refuse a file that is cut off, XML that takes libE57 long or makes it open other files, and too many points."""
     _check_xml(path, _read_xml(path, file))
     with _opened(path) as (_, points):
-        if (count := points.childCount()) > max_points:
+        if (count := points.childCount()) < 0:
+            raise InputError(f"{path}: promises {count:,} points: it is damaged")
+        if count > max_points:
             raise InputError(
                 f"{path}: found {count:,} points, needed at most {max_points:,}: see --max-points"
             )
@@ -67,9 +69,10 @@ def read_e57(path: Path, _: BinaryIO) -> Array:
             raise InputError(f"{path}: found points without coordinates, expected the fields {needed}")
         if count == 0:
             raise InputError(f"{path}: holds no points")
-        axes = {axis: (name, "f4") for axis, name in zip(SYSTEMS[system], "xyz", strict=True)}
-        flags = {flag: (flag, "i1") for flag in FLAGS.values()}
-        fields = {**axes, **FIELDS, **flags, f"{system}InvalidState": ("state", "i1")}
+        # libE57 refuses to make floats of infinite doubles, which are no returns.
+        axes = {axis: (name, "f8") for axis, name in zip(SYSTEMS[system], "xyz", strict=True)}
+        flags = {flag: (flag, "i2") for flag in FLAGS.values()}
+        fields = {**axes, **FIELDS, **flags, f"{system}InvalidState": ("state", "i2")}
         fields = {field: column for field, column in fields.items() if prototype.isDefined(field)}
         records: Array = np.zeros(count, list(fields.values()))
         buffers = libe57.VectorSourceDestBuffer()
@@ -95,8 +98,9 @@ def read_e57(path: Path, _: BinaryIO) -> Array:
 
 def _cartesian(distance: Array, azimuth: Array, elevation: Array) -> tuple[Array, Array, Array]:
     """Convert coordinates as the standard defines them: from x towards y, and up from their plane."""
-    over_ground = distance * np.cos(elevation)
-    return over_ground * np.cos(azimuth), over_ground * np.sin(azimuth), distance * np.sin(elevation)
+    with np.errstate(invalid="ignore"):  # An infinite coordinate is no return.
+        over_ground = distance * np.cos(elevation)
+        return over_ground * np.cos(azimuth), over_ground * np.sin(azimuth), distance * np.sin(elevation)
 
 
 @contextmanager
@@ -109,8 +113,10 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         root = image.root()
         scans: Any = root["data3D"] if root.isDefined("data3D") else ()
         if len(scans) != 1:
-            needed = "one: write each scan to a file of its own, in the frame of its scanner"
-            raise InputError(f"{path}: found {counted(len(scans), 'scan')}, needed {needed}")
+            advice = (
+                ": write each scan to a file of its own, in the frame of its scanner" if len(scans) else ""
+            )
+            raise InputError(f"{path}: found {counted(len(scans), 'scan')}, needed one{advice}")
         yield image, scans[0]["points"]
     finally:
         image.close()
