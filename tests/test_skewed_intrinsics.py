@@ -157,6 +157,7 @@ def test_a_speed_with_cx_deskews_however_small_it_is(
     monkeypatch.setattr(speeds, "MAX_SIGMA_WITH_CX_M_S", 0.0)
     unused = deskew(street_observations, skew, street_truth, with_cx=True)
     assert unused.observations is street_observations
+    assert "the speed is too uncertain" in unused.note
     assert unused.covariance_with_cx is not None
     assert deskewed.covariance_with_cx is not None
     assert unused.covariance_with_cx[6, 6] > deskewed.covariance_with_cx[6, 6]

@@ -163,8 +163,10 @@ def deskew(
         speed = speed.model_copy(update={"is_used": speed.sigma_m_s <= MAX_SIGMA_WITH_CX_M_S})
     as_they_are = replace(as_they_are, speed=speed, covariance_with_cx=_covariance(fits, speed, skew))
     if not speed.is_used:
-        note = f"the images show no speed, {figures}, and none across it; sweeps stay as they are"
-        return replace(as_they_are, note=note)
+        why = f"the images show no speed, {figures}, and none across it"
+        if with_cx:
+            why = f"the speed is too uncertain, {figures}, needed at most {MAX_SIGMA_WITH_CX_M_S:.0f} m/s"
+        return replace(as_they_are, note=f"{why}; sweeps stay as they are")
     seen = skew.deskewed(observations, speed.used_m_s)
     if with_cx:
         # The fits moved the pose together with cx, which the polish takes as given.
