@@ -181,7 +181,10 @@ def _left_open(
         about[np.ix_(indices, indices)] = fit.covariance[np.ix_(fit.places, fit.places)]
         about[np.ix_(indices, indices)] += np.outer(fit.changes, fit.changes)
         if problem.speed_covariance is not None and "cx" in fit.variables.names:
-            # What a speed does to the pose includes what it does by cx.
+            # An error dv of the speed is counted elsewhere, by the change p' of the pose per m/s with cx free, which
+            # comes with the change c' of cx. The pose with the given cx is off by
+            # shift (c_given - c_true) + (p' - shift c') dv = shift (c_given - c_found + noise) + p' dv,
+            # as c_found = c_true + noise + c' dv: the part of cx's variance by the speed cancels.
             at_cx = asked.names.index("cx")
             about[at_cx, at_cx] -= problem.speed_covariance[6, 6]
     return np.asarray(shift @ about @ shift.T)
