@@ -226,10 +226,10 @@ def _polish_with_cx(observations: Observations, T_start: Pose, _: InverseCurvatu
 def _with_fx_and_cx(observations: Observations, T_start: Pose) -> _Best:
     """Replace fx and cx by what sweeps as they are ask for, and fy by the aspect that the drive states.
 
-    On KITTI's sets, fx is then within a pixel, and the speed from there the same within 0.2 m/s, whether K is right, cx
-    is 20 pixels off or both focal lengths 1 %. With that 1 %, the sweeps of KITTI object would show -5.2 m/s instead of
-    4.8. With fy and cy free, they show 3.3 +- 3.2, and those of a jam -3.4 +- 0.9 instead of -1.7: fy ends 2 % too
-    small.
+    On KITTI's sets, fx is then within 1.5 pixels, and the speed from there the same within 0.3 m/s, whether K is right,
+    cx is 20 pixels off or both focal lengths 1 %. With that 1 %, the sweeps of KITTI object would show -4.7 m/s instead
+    of 4.4. With fy and cy free, they show 3.8 +- 1.7, and those of a jam -3.5 +- 0.8 instead of -2.0: fy ends up to 2 %
+    too small.
     """
     camera, names = observations.camera, ("fx", "cx")
     maximum = ascend_with(observations, T_start, names)
