@@ -10,14 +10,13 @@ import pytest
 from conftest import Cli, edited, make_pose, with_twists
 from laboratory.raw_drive import RawDrive, write_raw_drive
 
-from semcal_cli.config import AdjustmentConfig, CalibrationConfig, PolishConfig, RefinementConfig
-from semcal_cli.drive.camera import Camera, intrinsic_value, with_intrinsics
+from semcal_cli.config import CalibrationConfig, PolishConfig
+from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.lidar import Lidar, Spin
 from semcal_cli.drive.stated_motion import Motion
 from semcal_cli.estimation.adjust import deskewed as speeds
 from semcal_cli.estimation.adjust.deskewed import deskew
-from semcal_cli.estimation.adjust.joint import fit_jointly
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level, Refinement
 from semcal_cli.estimation.search.initial_pose import InitialPose
@@ -29,8 +28,6 @@ from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_points
 from semcal_cli.observations.skew import Skew
-from semcal_cli.pipeline import refine_and_polish
-from semcal_cli.pipeline.assessment import _AssessedPose
 from semcal_cli.pipeline.motion_assessment import compare_speed
 from semcal_cli.pipeline.pose_stages import deskew_sweeps, start_at
 from semcal_cli.pipeline.stages import Assessment, Stages
@@ -198,124 +195,6 @@ def test_all_cues_show_the_speed(street: Path, street_truth: Pose) -> None:
     assert fits is not None
     mean = information_by_squares(observations, fits.first.T_camera_lidar).mean
     assert fits.first.information == pytest.approx(mean)
-
-
-def test_a_speed_does_not_hide_a_wrong_principal_point(
-    skewed: Observations, street: Path, street_truth: Pose
-) -> None:
-    """K is tested at a speed that it does not change."""
-    camera = skewed.camera
-    (fx, _, cx), *rows = camera.K
-    off = camera.model_copy(update={"K": ((fx, 0.0, cx + 6.0), *rows)})
-    skew = skew_at(street_truth)
-    wrong = replace(skewed, camera=off)
-    by_polish, with_cx = (
-        speeds._find_maximum(fits)
-        for ascent in (speeds.POLISH, speeds.POLISH_WITH_CX)
-        if (fits := speeds._fit_speeds(wrong, skew, street_truth, ascent)) is not None
-    )
-    assert by_polish is not None
-    assert with_cx is not None
-    assert abs(by_polish.along_view_m_s - FAST_M_S) > 4.0
-    assert abs(with_cx.along_view_m_s - FAST_M_S) < 3.0
-    data = replace(load(read_drive(street)), observations=wrong)
-    lidar = Lidar.model_validate({"spin": spin_at(street_truth)})
-    data = replace(data, drive=data.drive.model_copy(update={"lidar": lidar}))
-    stages = Stages.from_refined(
-        data, start_at(data, InitialPose(street_truth, "truth")), None, is_compensated=True
-    )
-    seen, stages = deskew_sweeps(data, stages)
-    assert stages.is_deskewed
-    pose = _AssessedPose(seen, stages, PolishConfig(), None)
-    tested = pose.tested_intrinsics()
-    assert tested is not None
-    assert dict(zip(tested.given, tested.changes, strict=True))["cx"] == pytest.approx(-6.0, abs=1.5)
-
-
-@pytest.mark.parametrize("pixels", [14.0, -14.0])
-def test_intrinsics_are_estimated_by_sweeps_that_a_speed_deskews(
-    skewed: Observations, street: Path, street_truth: Pose, pixels: float
-) -> None:
-    """The speed is found together with cx, whose interval includes its error, once."""
-    right = intrinsic_value(skewed.camera, "cx")
-    wrong = replace(skewed, camera=with_intrinsics(skewed.camera, {"cx": right + pixels}))
-    data = replace(load(read_drive(street)), observations=wrong)
-    config = RefinementConfig(jointly=AdjustmentConfig(intrinsics=("fx", "cx")))
-
-    def found(spin: dict[str, Any] | None) -> Stages:
-        lidar = None if spin is None else Lidar.model_validate({"spin": spin})
-        drive = data.drive.model_copy(update={"lidar": lidar})
-        with_spin = replace(data, drive=drive)
-        return refine_and_polish(with_spin, start_at(with_spin, InitialPose(street_truth, "truth")), config)
-
-    recorded, deskewed = found(None), found(spin_at(street_truth))
-    assert recorded.deskewed is None
-    assert deskewed.deskewed is not None
-    speed, of_both = deskewed.deskewed.speed, deskewed.deskewed.covariance_with_cx
-    assert speed is not None
-    assert abs(speed.along_view_m_s - FAST_M_S) < 3.0 * speed.sigma_m_s
-    joint = deskewed.joint
-    assert joint is not None
-    assert joint.is_kept
-    assert joint.camera is not None
-    cx = joint.camera.intrinsics["cx"]
-    assert cx.sigma is not None
-    assert abs(cx.found - right) < min(3.0, 2.0 * cx.sigma)
-    assert recorded.joint is not None
-    assert recorded.joint.camera is not None
-    assert abs(recorded.joint.camera.intrinsics["cx"].found - right) > 12.0
-    off_m = [
-        compare_poses(stages.T_camera_lidar, street_truth).camera_center_m for stages in (recorded, deskewed)
-    ]
-    assert off_m[1] < 0.5 * off_m[0]
-    assert deskewed.polished is not None
-    without = fit_jointly(
-        deskewed.deskewed.observations, deskewed.polished.T_camera_lidar, config.jointly, PolishConfig()
-    )
-    assert joint.uncertainty is not None
-    assert without.uncertainty is not None
-    assert without.camera is not None
-    alone = without.camera.intrinsics["cx"].sigma
-    assert alone is not None
-    assert of_both is not None
-    assert cx.sigma**2 - alone**2 == pytest.approx(of_both[6, 6])
-    wider = np.subtract(joint.uncertainty.covariance, without.uncertainty.covariance)
-    np.testing.assert_allclose(wider, of_both[:6, :6], atol=1e-12)
-    assert _AssessedPose(data, deskewed, PolishConfig(), None).budget.speed is None
-
-
-def test_a_speed_with_cx_deskews_however_small_it_is(
-    street_observations: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    skew = skew_at(street_truth)
-    deskewed = deskew(street_observations, skew, street_truth, with_cx=True)
-    assert deskewed.speed is not None
-    assert abs(deskewed.speed.along_view_m_s) < speeds.MIN_SIGMAS * deskewed.speed.sigma_m_s
-    assert deskewed.speed.is_used
-    assert deskewed.T_camera_lidar is street_truth
-    monkeypatch.setattr(speeds, "MAX_SIGMA_WITH_CX_M_S", 0.0)
-    unused = deskew(street_observations, skew, street_truth, with_cx=True)
-    assert unused.observations is street_observations
-    assert unused.covariance_with_cx is not None
-    assert deskewed.covariance_with_cx is not None
-    assert unused.covariance_with_cx[6, 6] > deskewed.covariance_with_cx[6, 6]
-
-
-def test_an_error_of_the_speed_counts_once_where_intrinsics_stay(
-    skewed: Observations, street_truth: Pose
-) -> None:
-    """What a speed does to the pose includes what it does by cx."""
-    deskewed = deskew(skewed, skew_at(street_truth), street_truth, with_cx=True)
-    T = newton(deskewed.observations, street_truth, PolishConfig()).T_camera_lidar
-    config = AdjustmentConfig(intrinsics=("cx",))
-    without, joint = (
-        fit_jointly(deskewed.observations, T, config, PolishConfig(), of_speed=of_speed)
-        for of_speed in (None, deskewed.covariance_with_cx)
-    )
-    assert not joint.is_kept
-    assert joint.left_open is not None
-    assert without.left_open is not None
-    np.testing.assert_allclose(joint.left_open, without.left_open, atol=1e-12)
 
 
 def test_a_stated_motion_that_leaves_a_speed_is_doubted(

@@ -168,15 +168,14 @@ class _AssessedPose:
         """
         observations, T = self.data.checked_by, self.stages.T_camera_lidar
         is_same = observations is self.data.observations
-        # Where intrinsics were estimated, cx was free when sweeps were deskewed.
-        is_by_given = self.stages.is_deskewed and self.stages.joint is None
-        deskewed = self.stages.deskewed if is_by_given else None
-        if deskewed is not None:
-            seen, T = deskewed.for_intrinsics()
+        # Where cx was estimated, it was free when sweeps were deskewed.
+        for_intrinsics = None if self.stages.deskewed is None else self.stages.deskewed.for_intrinsics
+        if for_intrinsics is not None:
+            seen, T = for_intrinsics(self.data.observations.camera)
             observations = replace(self.data, observations=seen).checked_by
         # Where there are many maxima, as by edges, only the motions of the points in the image count. On KITTI object
         # and raw, the speed with cx changes the standard errors by at most 1 %.
-        is_known = is_same and (deskewed is None or observations.is_multimodal)
+        is_known = is_same and (for_intrinsics is None or observations.is_multimodal)
         around = self.around if is_known else around_intrinsics(observations, T)
         return estimate_intrinsics(observations, T, around)
 
@@ -226,10 +225,10 @@ class _AssessedPose:
         if self.stages.is_joint:
             # That of the estimate includes it.
             return None
-        of_speed = None if self.stages.deskewed is None else self.stages.deskewed.covariance
-        if of_speed is None or self.label_gain is None:
-            return of_speed
-        return np.asarray(self.label_gain @ of_speed @ self.label_gain.T)
+        covariance = None if self.stages.deskewed is None else self.stages.deskewed.covariance
+        if covariance is None or self.label_gain is None:
+            return covariance
+        return np.asarray(self.label_gain @ covariance @ self.label_gain.T)
 
 
 def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -> Assessment:

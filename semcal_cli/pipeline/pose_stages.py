@@ -165,14 +165,14 @@ def refine_and_polish(
     stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
     if not is_polished(data.observations, config):
         return stages
-    # An error of cx looks like a speed: where intrinsics are estimated, the speed is found together with cx.
+    # An error of cx looks like a speed: where cx is estimated, the speed is found together with it.
     unrolled, stages = deskew_sweeps(
         unrolled,
         stages,
         on_event,
         seed,
         with_priors=bool(priors),
-        with_cx=bool(config.jointly.intrinsics),
+        with_cx="cx" in config.jointly.intrinsics,
     )
     return _finish(unrolled, stages, config, priors, on_event)
 
@@ -216,13 +216,15 @@ def _finish(
     polished = polish(data, stages.T_camera_lidar, config, on_event)
     stages, T_polished = replace(stages, polished=polished), polished.T_camera_lidar
     if not config.jointly.is_empty:
-        of_speed = None if stages.deskewed is None else stages.deskewed.covariance_with_cx
-        joint = estimate_jointly(data, T_polished, config, on_event, of_speed=of_speed)
+        covariance = None if stages.deskewed is None else stages.deskewed.covariance_with_cx
+        joint = estimate_jointly(data, T_polished, config, on_event, speed_covariance=covariance)
         return replace(stages, joint=joint)
     if not priors:
         return stages
-    of_speed = None if stages.deskewed is None else stages.deskewed.covariance
-    return replace(stages, fused=fuse(data, T_polished, config, priors, on_event, of_speed=of_speed))
+    covariance = None if stages.deskewed is None else stages.deskewed.covariance
+    return replace(
+        stages, fused=fuse(data, T_polished, config, priors, on_event, speed_covariance=covariance)
+    )
 
 
 def is_polished(observations: Observations, config: RefinementConfig) -> bool:
@@ -318,14 +320,14 @@ def estimate_jointly(
     config: RefinementConfig,
     on_event: Listener = ignore,
     *,
-    of_speed: Matrix | None = None,
+    speed_covariance: Matrix | None = None,
 ) -> JointEstimate:
     """Estimate intrinsics and the offset of the clock together with the pose; see `adjust.joint`.
 
-    The covariance (7, 7) is that of the pose and cx by errors of a speed that was found together with cx.
+    The covariance (7, 7) is that of the pose and cx by errors of the speed that deskewed the sweeps.
     """
     doing = "estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"
-    settings = config.jointly, config.polish, data.drive.time_offset_s, of_speed
+    settings = config.jointly, config.polish, data.drive.time_offset_s, speed_covariance
     stage = partial(fit_jointly, data.observations, T_polished, *settings)
     return announced("joint", doing, stage, on_event, T_polished)
 
@@ -337,7 +339,7 @@ def fuse(
     priors: Sequence[Prior],
     on_event: Listener = ignore,
     *,
-    of_speed: Matrix | None = None,
+    speed_covariance: Matrix | None = None,
 ) -> Fused:
     """Fuse the estimate from the data, with its covariance (6, 6) by errors of a speed that they show, with priors."""
     clock = ClockUncertainty.of(data, T_polished, config.polish)
@@ -347,6 +349,6 @@ def fuse(
         data.observations,
         T_polished,
         priors,
-        motion_covariance=sum_of(clock_covariance, covariance_of_motion(data, T_polished), of_speed),
+        motion_covariance=sum_of(clock_covariance, covariance_of_motion(data, T_polished), speed_covariance),
     )
     return announced("fused", "combining with priors", stage, on_event, T_polished)

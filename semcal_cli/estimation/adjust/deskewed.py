@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import PolishConfig
-from semcal_cli.drive.camera import intrinsic_value, with_intrinsics
+from semcal_cli.drive.camera import Camera, intrinsic_value, with_intrinsics
 from semcal_cli.estimation.adjust.intrinsics_estimate import ascend_with
 from semcal_cli.estimation.adjust.joint_fit import Variables, adjust_observations
 from semcal_cli.estimation.refine.higher_maxima import ClimbConfig, climb
@@ -64,14 +64,18 @@ class Deskewed(StageResult):
     """Points where the LiDAR would have seen them at the moment of the image, and the images."""
     speed: MeasuredSpeed | None
     """Speed that the sweeps show; None if they show none."""
-    covariance: Matrix | None
-    """(6, 6) covariance of the pose by errors of the speed and of the moment of the images; None without a speed."""
     covariance_with_cx: Matrix | None = None
-    """(7, 7) the same of the pose and of cx, where the speed was found together with cx; None elsewhere."""
-    for_intrinsics: Callable[[], tuple[Observations, Pose]]
-    """Function that returns points and images, and the best pose (4, 4) with these, metres, by which intrinsics are
-    tested. They are deskewed by the speed that the sweeps show whatever cx is: with a wrong one, they seem to have
-    another speed."""
+    """(7, 7) covariance of the pose and of cx by errors of the speed and of the moment of the images. It is zero for cx
+    unless the speed was found together with it. None without a speed."""
+    for_intrinsics: Callable[[Camera], tuple[Observations, Pose]] | None = None
+    """Function that returns points and images, and the best pose (4, 4) with these, metres, by which the intrinsics of
+    a camera are tested. They are deskewed by the speed that the sweeps show whatever cx is: with a wrong one, they seem
+    to have another speed. None where sweeps were left unchanged, or deskewed by that speed already."""
+
+    @property
+    def covariance(self) -> Matrix | None:
+        """(6, 6) covariance of the pose; None without a speed."""
+        return None if self.covariance_with_cx is None else self.covariance_with_cx[:6, :6]
 
 
 class _Best(NamedTuple):
@@ -134,7 +138,7 @@ def deskew(
         T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
         rng: Source of searches for the highest maximum at each speed, where there are others beside that pose: the
             highest at a wrong speed may be another one than at the right speed. None where polishes follow the pose.
-        with_cx: Whether the speed is found together with cx, because intrinsics are to be estimated; without `rng`.
+        with_cx: Whether the speed is found together with cx, because cx is to be estimated; without `rng`.
     """
     ascent = POLISH if rng is None else _make_search(observations, T_camera_lidar, rng)
     start = _Best(observations, T_camera_lidar)
@@ -150,8 +154,6 @@ def deskew(
         note="the images do not tell the speed, so sweeps stay as they are",
         observations=observations,
         speed=None,
-        covariance=None,
-        for_intrinsics=lambda: (observations, T_camera_lidar),
     )
     if fits is None or speed is None:
         return as_they_are
@@ -159,16 +161,12 @@ def deskew(
     if with_cx:
         figures += ", found together with cx"
         speed = speed.model_copy(update={"is_used": speed.sigma_m_s <= MAX_SIGMA_WITH_CX_M_S})
-    of_both = _covariance(fits, speed, skew)
-    as_they_are = replace(
-        as_they_are,
-        speed=speed,
-        covariance=of_both[:6, :6],
-        covariance_with_cx=of_both if with_cx else None,
-    )
+    as_they_are = replace(as_they_are, speed=speed, covariance_with_cx=_covariance(fits, speed, skew))
     if not speed.is_used:
-        note = f"the images show no speed, {figures}, and none across it; sweeps stay as they are"
-        return replace(as_they_are, note=note)
+        why = f"the images show no speed, {figures}, and none across it"
+        if with_cx:
+            why = f"the speed is too uncertain, {figures}, needed at most {MAX_SIGMA_WITH_CX_M_S:.0f} m/s"
+        return replace(as_they_are, note=f"{why}; sweeps stay as they are")
     seen = skew.deskewed(observations, speed.used_m_s)
     if with_cx:
         # The fits moved the pose together with cx, which the polish takes as given.
@@ -186,7 +184,7 @@ def deskew(
         agreement=core.agreement(seen.core, T),
         note=f"deskewed by the speed that the images show, {figures}",
         observations=seen,
-        for_intrinsics=partial(_for_intrinsics, observations, skew, fits.middle),
+        for_intrinsics=None if with_cx else partial(_for_intrinsics, observations, skew, fits.middle),
     )
 
 
@@ -202,9 +200,11 @@ def remaining_speed(observations: Observations, skew: Skew, T_camera_lidar: Pose
     return None if fits is None else _find_maximum(fits)
 
 
-def _for_intrinsics(observations: Observations, skew: Skew, near: _Fit) -> tuple[Observations, Pose]:
+def _for_intrinsics(
+    observations: Observations, skew: Skew, near: _Fit, camera: Camera
+) -> tuple[Observations, Pose]:
     """Deskew by the speed that is found together with cx; without one, take sweeps as they are."""
-    T = near.T_camera_lidar
+    observations, T = replace(observations, camera=camera), near.T_camera_lidar
     fits = _fit_speeds(observations, skew, T, POLISH_WITH_CX, near.speed_m_s)
     speed = None if fits is None else _find_maximum(fits)
     seen = observations if speed is None else skew.deskewed(observations, speed.along_view_m_s)
@@ -226,10 +226,10 @@ def _polish_with_cx(observations: Observations, T_start: Pose, _: InverseCurvatu
 def _with_fx_and_cx(observations: Observations, T_start: Pose) -> _Best:
     """Replace fx and cx by what sweeps as they are ask for, and fy by the aspect that the drive states.
 
-    On KITTI's sets, fx is then within a pixel, and the speed from there the same within 0.2 m/s, whether K is right, cx
-    is 20 pixels off or both focal lengths 1 %. With that 1 %, the sweeps of KITTI object would show -5.2 m/s instead of
-    4.8. With fy and cy free, they show 3.3 +- 3.2, and those of a jam -3.4 +- 0.9 instead of -1.7: fy ends 2 % too
-    small.
+    On KITTI's sets, fx is then within 1.5 pixels, and the speed from there the same within 0.3 m/s, whether K is right,
+    cx is 20 pixels off or both focal lengths 1 %. With that 1 %, the sweeps of KITTI object would show -4.7 m/s instead
+    of 4.4. With fy and cy free, they show 3.8 +- 1.7, and those of a jam -3.5 +- 0.8 instead of -2.0: fy ends up to 2 %
+    too small.
     """
     camera, names = observations.camera, ("fx", "cx")
     maximum = ascend_with(observations, T_start, names)
@@ -339,6 +339,6 @@ def _covariance(fits: _Fits, speed: MeasuredSpeed, skew: Skew) -> Matrix:
     along_view = adjoint(fits.middle.T_camera_lidar)[:, :3] @ skew.view
     # A speed that is not used is an error of its whole size.
     error_m_s = math.hypot(speed.sigma_m_s, speed.along_view_m_s - speed.used_m_s)
-    of_moment = np.append(along_view * (speed.used_m_s * skew.moment_sigma_s), 0.0)
-    errors = np.column_stack([change_per_m_s * error_m_s, of_moment])
+    error_by_moment = np.append(along_view * (speed.used_m_s * skew.moment_sigma_s), 0.0)
+    errors = np.column_stack([change_per_m_s * error_m_s, error_by_moment])
     return np.asarray(errors @ errors.T)

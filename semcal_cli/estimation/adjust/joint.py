@@ -73,7 +73,7 @@ def fit_jointly(
     config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float = 0.0,
-    of_speed: Matrix | None = None,
+    speed_covariance: Matrix | None = None,
 ) -> JointEstimate:
     """Estimate intrinsics and the time offset together with the pose.
 
@@ -85,14 +85,16 @@ def fit_jointly(
         config: What to estimate, and what is known of it beforehand.
         polish: Settings of the polish, by which data are held out.
         time_offset_s: Time by which the observations assume images to be later than their stamps, seconds.
-        of_speed: (7, 7) covariance of the pose and cx by errors of the speed that deskewed the sweeps and was found
-            together with cx; None without one.
+        speed_covariance: (7, 7) covariance of the pose and cx by errors of the speed that deskewed the sweeps, zero for
+            cx unless the speed was found together with it; None without a speed.
     """
-    joint = _estimate(observations, T_camera_lidar, config, polish, time_offset_s, of_speed)
+    joint = _estimate(observations, T_camera_lidar, config, polish, time_offset_s, speed_covariance)
     if not joint.is_kept or not can_be_unrolled(observations):
         return joint
     lines = unrolled(joint.observations, joint.T_camera_lidar)
-    return _estimate(exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s, of_speed)
+    return _estimate(
+        exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s, speed_covariance
+    )
 
 
 def _estimate(
@@ -101,12 +103,12 @@ def _estimate(
     config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float,
-    of_speed: Matrix | None,
+    speed_covariance: Matrix | None,
 ) -> JointEstimate:
     """Estimate once, with points that stay on their lines."""
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     adjusted, asked = replace(observations, camera=camera), Variables(config.intrinsics, config.with_delay)
-    problem = Problem(adjusted, asked, config, polish, of_speed)
+    problem = Problem(adjusted, asked, config, polish, speed_covariance)
     fit = problem.fit_determined(T_camera_lidar)
     gain = _held_out_gain(problem, T_camera_lidar, fit)
     is_kept = bool(
@@ -178,10 +180,13 @@ def _left_open(
     if indices and fit.covariance is not None:
         about[np.ix_(indices, indices)] = fit.covariance[np.ix_(fit.places, fit.places)]
         about[np.ix_(indices, indices)] += np.outer(fit.changes, fit.changes)
-        if problem.of_speed is not None and "cx" in fit.variables.names:
-            # What a speed does to the pose includes what it does by cx.
+        if problem.speed_covariance is not None and "cx" in fit.variables.names:
+            # An error dv of the speed is counted elsewhere, by the change p' of the pose per m/s with cx free, which
+            # comes with the change c' of cx. The pose with the given cx is off by
+            # shift (c_given - c_true) + (p' - shift c') dv = shift (c_given - c_found + noise) + p' dv,
+            # as c_found = c_true + noise + c' dv: the part of cx's variance by the speed cancels.
             at_cx = asked.names.index("cx")
-            about[at_cx, at_cx] -= problem.of_speed[6, 6]
+            about[at_cx, at_cx] -= problem.speed_covariance[6, 6]
     return np.asarray(shift @ about @ shift.T)
 
 
