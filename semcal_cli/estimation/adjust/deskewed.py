@@ -45,9 +45,6 @@ LAST_M_S = 40.0
 """Speed at which the search ends without a maximum."""
 MIN_SIGMAS = 3.0
 """Standard errors from a standstill, from which a speed deskews sweeps."""
-MAX_SIGMA_WITH_CX_M_S = STEP_M_S
-"""Largest standard error with which a speed that is found together with cx does: the step of its parabola. Such a speed
-deskews sweeps however near a standstill it is, because a wrong standstill is an error of cx as well."""
 MIN_SCENES = 4
 """Smallest number of scenes that show a speed: in one scene, errors of the pose may look like one."""
 
@@ -160,13 +157,10 @@ def deskew(
     figures = f"{speed.along_view_m_s:.1f} +- {speed.sigma_m_s:.1f} m/s along the view"
     if with_cx:
         figures += ", found together with cx"
-        speed = speed.model_copy(update={"is_used": speed.sigma_m_s <= MAX_SIGMA_WITH_CX_M_S})
     as_they_are = replace(as_they_are, speed=speed, covariance_with_cx=_covariance(fits, speed, skew))
     if not speed.is_used:
-        why = f"the images show no speed, {figures}, and none across it"
-        if with_cx:
-            why = f"the speed is too uncertain, {figures}, needed at most {MAX_SIGMA_WITH_CX_M_S:.0f} m/s"
-        return replace(as_they_are, note=f"{why}; sweeps stay as they are")
+        note = f"the images show no speed, {figures}, and none across it; sweeps stay as they are"
+        return replace(as_they_are, note=note)
     seen = skew.deskewed(observations, speed.used_m_s)
     if with_cx:
         # The fits moved the pose together with cx, which the polish takes as given.
