@@ -3,8 +3,8 @@
     python tests/benchmarks/skewed_intrinsics.py DATA [--starts 2] [--only NAME] [--errors NAME]
 
 KITTI's sets are calibrated by edges from 2 degrees and 0.2 m off, with fx, fy, cx and cy estimated: as their sweeps
-were recorded, and deskewed by the speed that is found together with cx. K is right, or cx or both focal lengths are
-wrong. Errors are those of the pose and the camera of the result, from the published ones.
+were recorded, and with the spin stated, so that they are deskewed if they show a speed. K is right, or cx or both focal
+lengths are wrong. Errors are those of the pose and the camera of the result, from the published ones.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ START_DEG, START_M = 2.0, 0.2
 FIRST_SEED = 90
 ERRORS = {"right": (0.0, 1.0), "cx +8 px": (8.0, 1.0), "fx, fy +1 %": (0.0, 1.01)}
 """What is added to cx, pixels, and by what the focal lengths are multiplied."""
-SWEEPS = ("as recorded", "deskewed")
+SWEEPS = ("as recorded", "spin stated")
 
 
 class JointRun(NamedTuple):
