@@ -6,7 +6,7 @@ import glob
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -114,6 +114,36 @@ class Partners:
     """Sentences that the user should read."""
 
 
+class PairedFiles(NamedTuple):
+    """Clouds that are used, and the files that go with them."""
+
+    clouds: list[Path]
+    points_stamps_s: dict[Path, float]
+    """Times of all clouds whose names hold one, in seconds, whether they are used or not."""
+    point_labels: Partners
+    image_labels: Partners
+    images: Partners
+
+    @property
+    def image_partners(self) -> Partners:
+        """The files by which clouds are paired with images."""
+        return self.image_labels if self.image_labels.of_cloud else self.images
+
+    def frame(self, cloud: Path, *, has_labels: bool) -> SourceFrame:
+        """Make the frame of a cloud; without one of two partners, it is a sweep without an image."""
+        partner = self.image_partners.of_cloud.get(cloud)
+        return SourceFrame(
+            name=stem(cloud),
+            points=cloud,
+            point_labels=self.point_labels.of_cloud.get(cloud),
+            image_labels=None if partner is None else self.image_labels.of_cloud.get(cloud),
+            image=None if partner is None else self.images.of_cloud.get(cloud),
+            points_stamp=self.points_stamps_s.get(cloud),
+            image_stamp=None if partner is None else self.image_partners.stamps_s.get(partner),
+            cloud_has_labels=has_labels,
+        )
+
+
 def read(patterns: FilePatterns) -> Recording:
     """Pair the files and read the intrinsics.
 
@@ -121,50 +151,17 @@ def read(patterns: FilePatterns) -> Recording:
         InputError: a pattern matches nothing or a file of an unknown format, nothing can be paired, no cloud has all
             its files, or a file is wrong.
     """
-    camera = _camera(patterns)
-    clouds = _find("--points", patterns.points)
-    point_labels = _partners(clouds, "--point-labels", patterns.point_labels, patterns.max_gap_s)
-    image_labels = _partners(clouds, "--image-labels", patterns.image_labels, patterns.max_gap_s)
-    images = _partners(clouds, "--images", patterns.images, patterns.max_gap_s)
-    image_partners = image_labels if image_labels.of_cloud else images
-    needed = [partners.of_cloud for partners in (point_labels, image_partners) if partners.of_cloud]
-    usable_clouds = [cloud for cloud in clouds if all(cloud in files for files in needed)]
-    if usable_clouds and patterns.keeps_all:
-        usable_clouds = [
-            cloud for cloud in clouds if not point_labels.of_cloud or cloud in point_labels.of_cloud
-        ]
-    if not usable_clouds:
-        option = "--image-labels" if image_labels.of_cloud else "--images"
-        raise InputError(
-            f"--points: found {counted(len(clouds), 'cloud')}, {len(point_labels.of_cloud):,} with a file of "
-            f"--point-labels, {len(image_partners.of_cloud):,} with one of {option}, none with both, "
-            "needed at least one"
-        )
-    stamps = stamps_s(clouds)
+    camera, paired = _camera(patterns), _pair(patterns)
+    first_path = paired.clouds[0]
     form = PointForm(patterns.point_columns, patterns.point_type, patterns.time_unit)
-    (first,) = read_point_clouds([(usable_clouds[0], None)], patterns.max_points, form)
-    columns = column_doubts(usable_clouds[0], form, first, patterns.max_points)
-    form, unit_remarks = _with_time_unit(form, first.time, list(stamps.values()))
-    has_labels = not point_labels.of_cloud and first.labels is not None
+    (first,) = read_point_clouds([(first_path, None)], patterns.max_points, form)
+    columns = column_doubts(first_path, form, first, patterns.max_points)
+    form, unit_remarks = _with_time_unit(form, first.time, list(paired.points_stamps_s.values()))
+    has_labels = not paired.point_labels.of_cloud and first.labels is not None
     own_labels = (
-        (f"point labels: from the clouds themselves, such as {usable_clouds[0].name}",) if has_labels else ()
+        (f"point labels: from the clouds themselves, such as {first_path.name}",) if has_labels else ()
     )
-    frames = [
-        SourceFrame(
-            name=stem(cloud),
-            points=cloud,
-            point_labels=point_labels.of_cloud.get(cloud),
-            # A cloud without one of two partners gets none of them: it is a sweep without an image.
-            image_labels=image_labels.of_cloud.get(cloud) if cloud in image_partners.of_cloud else None,
-            image=images.of_cloud.get(cloud) if cloud in image_partners.of_cloud else None,
-            points_stamp=stamps.get(cloud),
-            image_stamp=image_partners.stamps_s.get(image_partners.of_cloud[cloud])
-            if cloud in image_partners.of_cloud
-            else None,
-            cloud_has_labels=has_labels,
-        )
-        for cloud in usable_clouds
-    ]
+    frames = [paired.frame(cloud, has_labels=has_labels) for cloud in paired.clouds]
     T_camera_lidar, doubts = (
         (None, ()) if patterns.reference is None else _reference(patterns, patterns.reference)
     )
@@ -180,13 +177,40 @@ def read(patterns: FilePatterns) -> Recording:
             *columns,
             *own_labels,
             *unit_remarks,
-            *point_labels.remarks,
-            *image_labels.remarks,
-            *images.remarks,
+            *paired.point_labels.remarks,
+            *paired.image_labels.remarks,
+            *paired.images.remarks,
         ),
         read=(patterns.camera_info, *([drive_file(patterns.reference)] if patterns.reference else [])),
         labels_by="GLOB",
     )
+
+
+def _pair(patterns: FilePatterns) -> PairedFiles:
+    """Find the files that go with each cloud, and the clouds that have what they need."""
+    clouds = _find("--points", patterns.points)
+    point_labels, image_labels, images = (
+        _partners(clouds, option, pattern, patterns.max_gap_s)
+        for option, pattern in (
+            ("--point-labels", patterns.point_labels),
+            ("--image-labels", patterns.image_labels),
+            ("--images", patterns.images),
+        )
+    )
+    paired = PairedFiles(clouds, stamps_s(clouds), point_labels, image_labels, images)
+    image_partners = paired.image_partners
+    needed = [partners.of_cloud for partners in (point_labels, image_partners) if partners.of_cloud]
+    usable = [cloud for cloud in clouds if all(cloud in files for files in needed)]
+    if not usable:
+        option = "--image-labels" if image_labels.of_cloud else "--images"
+        raise InputError(
+            f"--points: found {counted(len(clouds), 'cloud')}, {len(point_labels.of_cloud):,} with a file of "
+            f"--point-labels, {len(image_partners.of_cloud):,} with one of {option}, none with both, "
+            "needed at least one"
+        )
+    if patterns.keeps_all:
+        usable = [cloud for cloud in clouds if not point_labels.of_cloud or cloud in point_labels.of_cloud]
+    return paired._replace(clouds=usable)
 
 
 def _camera(patterns: FilePatterns) -> dict[str, Any]:
