@@ -308,11 +308,11 @@ def test_a_maximum_beside_the_result_is_a_rival(
     nums_polished = list[int]()
 
     def sentences(end: Pose) -> str:
-        def polished(_: object, starts: list[Pose], __: object) -> list[Pose]:
+        def ends_elsewhere(_: object, __: object, starts: list[Pose]) -> list[Pose]:
             nums_polished.append(len(starts))
             return [end for _ in starts]
 
-        monkeypatch.setattr(other_pose, "newton_from_each", polished)
+        monkeypatch.setattr(other_pose, "ends_elsewhere", ends_elsewhere)
         monkeypatch.setattr(
             other_pose,
             "sigmas_behind",

@@ -13,8 +13,8 @@ import numpy as np
 from semcal_cli import core
 from semcal_cli.checks.few_scenes import FEW_SCENES
 from semcal_cli.checks.wide_interval import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
-from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
-from semcal_cli.estimation.refine.polish import newton_from_each
+from semcal_cli.config import ExactConfig, PyramidConfig
+from semcal_cli.estimation.refine.higher_maxima import ends_elsewhere
 from semcal_cli.estimation.refine.pyramid import exact_config, pyramid_factors
 from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.findings.check import Check, Measured
@@ -119,7 +119,7 @@ def _rivals(
         beside = _beside(T_camera_lidar)
         parts = beside[:FIRST_BESIDE], beside[FIRST_BESIDE:]
     for starts in parts:
-        ends = newton_from_each(observations, starts, PolishConfig())
+        ends = ends_elsewhere(observations, T_camera_lidar, starts)
         offsets = [np.abs(compare_poses(T_end, T_camera_lidar).offsets) for T_end in ends]
         outside = [
             T_end

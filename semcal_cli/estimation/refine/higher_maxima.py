@@ -6,7 +6,7 @@ that ascents there, from poses all around, and polishes at full resolution from 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -81,18 +81,27 @@ def has_other_maxima(
     """
     if starts is None or not starts.searches_beside:
         return False
-    T_polished: Pose | None = None
-    for distance in BESIDE:
-        T_end = _polish(observations, displace(T_camera_lidar, *distance, rng), FIRST_ROUNDS)
-        if compare_poses(T_end, T_camera_lidar).is_within(SAME_DEG, SAME_M):
-            continue
-        if T_polished is None:
-            T_polished = _polish(observations, T_camera_lidar)
-            if not compare_poses(T_polished, T_camera_lidar).is_within(2.0 * SAME_DEG, 2.0 * SAME_M):
-                return True
-        if not compare_poses(_polish(observations, T_end), T_polished).is_within(SAME_DEG, SAME_M):
-            return True
-    return False
+    beside = [displace(T_camera_lidar, *distance, rng) for distance in BESIDE]
+    ends = ends_elsewhere(observations, T_camera_lidar, beside)
+    if not ends:
+        return False
+    T_polished = _polish(observations, T_camera_lidar)
+    if not compare_poses(T_polished, T_camera_lidar).is_within(2.0 * SAME_DEG, 2.0 * SAME_M):
+        return True
+    return any(not compare_poses(T, T_polished).is_within(SAME_DEG, SAME_M) for T in ends)
+
+
+def ends_elsewhere(observations: Observations, T_camera_lidar: Pose, poses: Sequence[Pose]) -> list[Pose]:
+    """Polish poses beside a maximum, and return the ends (4, 4) of those that do not lead back to it at once.
+
+    Args:
+        observations: Points and pixels of all frames.
+        T_camera_lidar: (4, 4) maximum, metres.
+        poses: (4, 4) poses beside it.
+    """
+    ends = newton_from_each(observations, poses, PolishConfig(max_rounds=FIRST_ROUNDS))
+    away = [T for T in ends if not compare_poses(T, T_camera_lidar).is_within(SAME_DEG, SAME_M)]
+    return newton_from_each(observations, away, PolishConfig())
 
 
 def climb(
