@@ -123,8 +123,11 @@ fn read_png(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
             format!("has {samples} channels, needs one of class ids, or a palette: of colours in the drive");
         return Err(Error::file(path, reason));
     }
-    let rows = lines.chunks_exact(info.line_size);
-    Ok(rows.flat_map(|row| unpack_row(row, info.bit_depth, size.0)).collect())
+    let mut ids = Vec::with_capacity(size.0 * size.1);
+    for row in lines.chunks_exact(info.line_size) {
+        unpack_row(row, info.bit_depth, size.0, &mut ids);
+    }
+    Ok(ids)
 }
 
 fn read_colors(path: &Path, size: (usize, usize), palette: &HashMap<[u8; 3], u16>) -> Result<Vec<u16>> {
@@ -159,18 +162,17 @@ fn decode_png(
     })
 }
 
-/// The samples of one PNG row, most significant bits first.
-fn unpack_row(row: &[u8], depth: BitDepth, width: usize) -> impl Iterator<Item = u16> + '_ {
-    let bits = depth as usize;
-    (0..width).map(move |u| match bits {
-        16 => u16::from_be_bytes([row[2 * u], row[2 * u + 1]]),
-        8 => u16::from(row[u]),
-        _ => {
+/// Appends the samples of one PNG row, most significant bits first.
+fn unpack_row(row: &[u8], depth: BitDepth, width: usize, ids: &mut Vec<u16>) {
+    match depth as usize {
+        16 => ids.extend(row.as_chunks().0.iter().map(|sample| u16::from_be_bytes(*sample))),
+        8 => ids.extend(row.iter().map(|&sample| u16::from(sample))),
+        bits => ids.extend((0..width).map(|u| {
             let first = u * bits;
             let shift = 8 - bits - first % 8;
             u16::from(row[first / 8] >> shift) & ((1 << bits) - 1)
-        }
-    })
+        })),
+    }
 }
 
 #[cfg(test)]
