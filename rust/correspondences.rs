@@ -64,10 +64,10 @@ fn agreeing(
     stride: usize,
     hypothesis: &Hypothesis,
 ) -> Vec<Correspondence> {
-    let pixel_of = zoomed.pixel_map(&hypothesis.placement);
+    let map = zoomed.pixel_map(&hypothesis.placement);
     let pointwise = hypothesis.joint.pointwise();
     let pair = |&(point, class): &LabelledReturn, image: &LabelImage<u8>| {
-        let pixel = pixel_of(&to_f64(&point))?;
+        let pixel = map.at(&to_f64(&point))?;
         let image_class = image.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
         let agree = image_class != NO_CLASS
             && pointwise[hypothesis.joint.index(usize::from(class), image_class)] > 0.0;

@@ -121,26 +121,45 @@ impl<'a> ZoomedImage<'a> {
         self.border.iter().map(|ray| ray.angle(&self.axis)).fold(0.0, f64::max)
     }
 
-    /// The raw pixel of each LiDAR direction, with the image at a placement; `None` outside the image.
-    pub fn pixel_map(&self, placement: &Placement) -> impl Fn(&Vector3<f64>) -> Option<Point2<f64>> {
-        let rotation = placement.rotation();
-        let placement = *placement;
-        let (sin, cos) = placement.roll.sin_cos();
-        let Self { camera, zoom, fov, .. } = *self;
-        let size = Vector2::new(camera.width as f64, camera.height as f64);
-        move |direction| {
-            let pixel = match zoom {
-                Zoom::Exact => camera.project(&(rotation * direction))?,
-                Zoom::Paper => {
-                    let right = wrap(placement.azimuth - azimuth(direction));
-                    let down = placement.elevation - elevation(direction);
-                    let turned = Vector2::new(cos * right + sin * down, cos * down - sin * right);
-                    let share = turned.component_div(&fov) * placement.scale;
-                    Point2::from((share.add_scalar(0.5)).component_mul(&size).add_scalar(-0.5))
-                }
-            };
-            camera.contains(&pixel).then_some(pixel)
+    /// Maps LiDAR directions to raw pixels, with the image at a placement.
+    pub fn pixel_map(&self, placement: &Placement) -> PixelMap<'_> {
+        PixelMap {
+            image: self,
+            placement: *placement,
+            rotation: placement.rotation(),
+            roll: placement.roll.sin_cos(),
+            size: Vector2::new(self.camera.width as f64, self.camera.height as f64),
         }
+    }
+}
+
+/// A map of LiDAR directions to raw pixels.
+pub struct PixelMap<'a> {
+    image: &'a ZoomedImage<'a>,
+    placement: Placement,
+    rotation: Rotation3<f64>,
+    /// Sine and cosine of the roll.
+    roll: (f64, f64),
+    /// Columns and rows of the image.
+    size: Vector2<f64>,
+}
+
+impl PixelMap<'_> {
+    /// The pixel of a direction; `None` outside the image.
+    #[inline(always)]
+    pub fn at(&self, direction: &Vector3<f64>) -> Option<Point2<f64>> {
+        let Self { image: ZoomedImage { camera, zoom, fov, .. }, placement, roll: (sin, cos), .. } = self;
+        let pixel = match zoom {
+            Zoom::Exact => camera.project(&(self.rotation * direction))?,
+            Zoom::Paper => {
+                let right = wrap(placement.azimuth - azimuth(direction));
+                let down = placement.elevation - elevation(direction);
+                let turned = Vector2::new(cos * right + sin * down, cos * down - sin * right);
+                let share = turned.component_div(fov) * placement.scale;
+                Point2::from((share.add_scalar(0.5)).component_mul(&self.size).add_scalar(-0.5))
+            }
+        };
+        camera.contains(&pixel).then_some(pixel)
     }
 }
 
@@ -183,7 +202,7 @@ mod tests {
         let pixel = |zoom, right_deg: f64| {
             let direction = from_angles(0.3 - right_deg.to_radians(), 0.0);
             let zoomed = ZoomedImage::new(&camera, zoom).expect("an image");
-            zoomed.pixel_map(&placement)(&direction).expect("inside").x
+            zoomed.pixel_map(&placement).at(&direction).expect("inside").x
         };
         assert!((pixel(Zoom::Exact, 0.0) - pixel(Zoom::Paper, 0.0)).abs() < 1e-9);
         // At 25 degrees of a 90-degree lens: 640 tan(25) = 298 pixels against 25/90 * 1280 = 356.

@@ -168,12 +168,12 @@ impl Template {
         images: &DownsampledImages,
         upright: &Placement,
     ) -> Self {
-        let pixel_of = zoomed.pixel_map(upright);
+        let map = zoomed.pixel_map(upright);
         let (mut runs, mut pixels) = (Vec::<(usize, Range<usize>)>::new(), Vec::new());
         for row in 0..grid.rows {
             let mut open = false;
             for column in 0..grid.columns {
-                let Some(pixel) = pixel_of(&grid.direction(row, column)) else {
+                let Some(pixel) = map.at(&grid.direction(row, column)) else {
                     open = false;
                     continue;
                 };

@@ -50,8 +50,8 @@ pub fn majority(image: &LabelImage<u8>, factor: usize) -> LabelImage<u8> {
         counts.fill([0; 256]);
         for v in row * factor..((row + 1) * factor).min(image.height) {
             let line = &image.ids[v * image.width..(v + 1) * image.width];
-            for (u, &id) in line.iter().enumerate() {
-                counts[u / factor][usize::from(id)] += 1;
+            for (counts, ids) in counts.iter_mut().zip(line.chunks(factor)) {
+                ids.iter().for_each(|&id| counts[usize::from(id)] += 1);
             }
         }
         ids.extend(
@@ -109,14 +109,14 @@ impl<'a> LocalSearch<'a> {
     }
 
     fn joint(&self, placement: &Placement, returns: &[Vec<LabelledDirection>]) -> JointHistogram {
-        let pixel_of = self.zoomed.pixel_map(placement);
+        let map = self.zoomed.pixel_map(placement);
         let Observations { num_point_classes, num_image_classes, .. } = *self.observations;
         let mut joint = JointHistogram::new(num_point_classes, num_image_classes);
         let mut pixels = Vec::with_capacity(RUN);
         for (frame, returns) in returns.iter().enumerate() {
             for run in returns.chunks(RUN) {
                 pixels.clear();
-                pixels.extend(run.iter().map(|(direction, _)| pixel_of(direction)));
+                pixels.extend(run.iter().map(|(direction, _)| map.at(direction)));
                 for ((_, class), pixel) in run.iter().zip(&pixels) {
                     if let Some(pixel) = pixel {
                         joint.add(*class, self.images.class(frame, pixel), 1.0);
