@@ -78,6 +78,11 @@ impl ClassShares {
         &self.entries[self.starts[index] as usize..self.starts[index + 1] as usize]
     }
 
+    /// Reads where the shares of an item start, so that they are at hand when they are needed.
+    pub fn touch(&self, index: usize) -> u8 {
+        self.starts[index] as u8
+    }
+
     pub fn entries(&self) -> &[Share] {
         &self.entries
     }

@@ -78,7 +78,8 @@ impl Sweep {
         let cone = Cone::of(camera, pose);
         let of_part = |part| project_in_cone(camera, self.in_cone(&cone, part), &cone);
         let parts = 0..self.points.len().div_ceil(GROUP * GROUPS_A_TASK);
-        let projected = parts.into_par_iter().map(of_part).collect::<Vec<_>>().concat();
+        let parts: Vec<_> = parts.into_par_iter().map(of_part).collect();
+        let projected = <[_; 1]>::try_from(parts).map_or_else(|parts| parts.concat(), |[all]| all);
         let hidden = Arc::new(hidden(camera, self, origin, &projected));
         let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());
         let hidden_then = Arc::clone(&hidden);
@@ -147,19 +148,20 @@ fn project_in_cone<'a>(
 }
 
 /// Projects points (metres, camera frame), given with their indices, and keeps those inside the image, in their order.
-fn project(camera: &Camera, mut points: impl Iterator<Item = (usize, Vector3<f64>)>) -> Vec<Projected> {
-    let project = |(index, p_camera): (usize, Vector3<f64>)| {
-        camera.project(&p_camera).map(|pixel| Projected { index, pixel, p_camera })
-    };
+fn project(camera: &Camera, points: impl Iterator<Item = (usize, Vector3<f64>)>) -> Vec<Projected> {
     let (mut run, mut projected) = (Vec::with_capacity(RUN), Vec::new());
-    loop {
-        run.clear();
-        run.extend(points.by_ref().take(RUN).map(project));
-        if run.is_empty() {
-            return projected;
-        }
+    let mut take = |run: &mut Vec<Option<Projected>>| {
         projected.extend(run.iter().flatten().filter(|point| camera.contains(&point.pixel)));
-    }
+        run.clear();
+    };
+    points.for_each(|(index, p_camera)| {
+        run.push(camera.project(&p_camera).map(|pixel| Projected { index, pixel, p_camera }));
+        if run.len() == RUN {
+            take(&mut run);
+        }
+    });
+    take(&mut run);
+    projected
 }
 
 /// Smallest number of projected points of one task, about half of those of a sweep of an HDL-64E in a narrow view.
@@ -209,8 +211,10 @@ struct NearestReturns<'a> {
     rows: usize,
     /// The block of each point.
     block_of: Vec<u32>,
-    /// Squared ranges, infinite in blocks without a point, and the points: most are compared only by range.
-    nearest: Vec<(f64, Option<&'a Projected>)>,
+    /// Squared ranges of the nearest points, infinite in blocks without one, and these points: most are compared only by
+    /// range.
+    ranges2: Vec<f64>,
+    points: Vec<Option<&'a Projected>>,
     /// Smallest squared range in the 3 x 3 blocks around each: most points are no farther, and need no further
     /// test.
     min_around: Vec<f64>,
@@ -220,17 +224,16 @@ impl<'a> NearestReturns<'a> {
     fn new(camera: &Camera, projected: &'a [Projected], block: f64) -> Self {
         let blocks = |size: usize| (size as f64 / block).ceil() as usize;
         let (columns, rows) = (blocks(camera.width), blocks(camera.height));
-        let nearest = vec![(f64::INFINITY, None); columns * rows];
+        let (ranges2, points) = (vec![f64::INFINITY; columns * rows], vec![None; columns * rows]);
         let block_of = Vec::with_capacity(projected.len());
-        let mut buffer = Self { block, columns, rows, block_of, nearest, min_around: Vec::new() };
+        let mut buffer = Self { block, columns, rows, block_of, ranges2, points, min_around: Vec::new() };
         for point in projected {
             let (column, row) = buffer.at(&point.pixel);
             let index = row * columns + column;
             buffer.block_of.push(index as u32);
-            let nearest = &mut buffer.nearest[index];
             let range2 = point.range2();
-            if range2 < nearest.0 {
-                *nearest = (range2, Some(point));
+            if range2 < buffer.ranges2[index] {
+                (buffer.ranges2[index], buffer.points[index]) = (range2, Some(point));
             }
         }
         buffer.min_around = buffer.min_around();
@@ -238,22 +241,19 @@ impl<'a> NearestReturns<'a> {
     }
 
     fn min_around(&self) -> Vec<f64> {
-        let (columns, rows) = (self.columns, self.rows);
-        let around = |index: usize, count: usize| index.saturating_sub(1)..(index + 2).min(count);
-        let beside = |row: &[(f64, Option<&Projected>)]| {
-            let least = |column| {
-                row[around(column, columns)].iter().map(|(range2, _)| *range2).fold(f64::INFINITY, f64::min)
-            };
-            (0..columns).map(least).collect::<Vec<_>>()
+        let lower = |values: &mut [f64], limits: &[f64]| {
+            values.iter_mut().zip(limits).for_each(|(value, limit)| *value = value.min(*limit));
         };
-        let lines: Vec<Vec<f64>> = self.nearest.chunks_exact(columns).map(beside).collect();
-        let least = |row, column| {
-            lines[around(row, rows)].iter().map(|line| line[column]).fold(f64::INFINITY, f64::min)
-        };
-        (0..rows)
-            .flat_map(|row| (0..columns).map(move |column| (row, column)))
-            .map(|(row, column)| least(row, column))
-            .collect()
+        let mut least = self.ranges2.clone();
+        let lines = self.ranges2.chunks_exact(self.columns);
+        for (least, line) in least.chunks_exact_mut(self.columns).zip(lines) {
+            lower(&mut least[1..], line);
+            lower(least, &line[1..]);
+        }
+        let of_lines = least.clone();
+        lower(&mut least[self.columns..], &of_lines);
+        lower(&mut least, &of_lines[self.columns..]);
+        least
     }
 
     fn at(&self, pixel: &Point2<f64>) -> (usize, usize) {
@@ -267,9 +267,9 @@ impl<'a> NearestReturns<'a> {
         let (column, row) = self.at(pixel);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
         let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
-        rows.flat_map(move |row| &self.nearest[row * self.columns..][columns.clone()])
-            .filter(move |(nearest, _)| *nearest < range2)
-            .filter_map(|(_, point)| *point)
+        rows.flat_map(move |row| columns.clone().map(move |column| row * self.columns + column))
+            .filter(move |&block| self.ranges2[block] < range2)
+            .filter_map(|block| self.points[block])
     }
 }
 

@@ -41,6 +41,7 @@ enum Blocks {
 
 impl Blocks {
     /// The shares of the classes in four blocks, and the labelled share of each block, in 1/255.
+    #[inline(always)]
     fn corners(&self, around: [usize; 4]) -> (AnyCorners<'_>, [f64; 4]) {
         let whole = |class: u8| of_class(&WHOLE, class);
         match self {
@@ -60,11 +61,15 @@ impl Blocks {
         }
     }
 
-    /// What is read first of each block, and the length of its entry.
-    fn bytes(&self) -> (&[u8], usize) {
+    /// Reads the first byte of everything that is looked up of a block.
+    fn touch(&self, index: usize) -> u8 {
         match self {
-            Self::Dense { shares, width, .. } => (shares, *width),
-            _ => (self.only(), 1),
+            Self::Pixels(image) => image.ids[index],
+            Self::Banded { image, only } => only[index] ^ image.ids[index],
+            Self::Shares { shares, only, amounts } => {
+                only[index] ^ shares.touch(index) ^ amounts[index] as u8
+            }
+            Self::Dense { shares, width, .. } => shares[index * width],
         }
     }
 
@@ -97,6 +102,7 @@ fn of_class(table: &[Share; NO_CLASS as usize], class: u8) -> (&[Share], u16) {
     }
 }
 
+#[inline(always)]
 fn sparse<'a>(around: [usize; 4], of: impl Fn(usize) -> (&'a [Share], u16)) -> (AnyCorners<'a>, [f64; 4]) {
     let corners = around.map(of);
     (AnyCorners::Sparse(corners.map(|(shares, _)| shares)), corners.map(|(_, amount)| amount.into()))
@@ -189,6 +195,7 @@ impl ShareMap {
 impl<'a> LabelMap for &'a ShareMap {
     type Corners = AnyCorners<'a>;
 
+    #[inline(always)]
     fn at(&self, pixel: &Point2<f64>) -> Sampled<AnyCorners<'a>> {
         let around = self.grid.around(pixel);
         match self.blocks.only_class(around.blocks) {
@@ -201,8 +208,7 @@ impl<'a> LabelMap for &'a ShareMap {
     }
 
     fn touch(&self, pixel: &Point2<f64>) -> u8 {
-        let (bytes, length) = self.blocks.bytes();
-        let [above, below] = self.grid.before(pixel).map(|block| bytes[block * length]);
+        let [above, below] = self.grid.before(pixel).map(|block| self.blocks.touch(block));
         above ^ below
     }
 }
