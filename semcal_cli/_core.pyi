@@ -354,9 +354,9 @@ class PointCloud:
     label_shares: ClassShares | None
     """Probabilities of raw class ids instead, if the label file holds them."""
     num_no_returns: int
-    """Number of entries left out."""
+    """Number of entries that are not finite or all zero, which are left out."""
     is_return: NDArray[np.bool_]
-    """Which of the file's entries are points."""
+    """Which of the file's entries are the points: those of other LiDARs are left out, too."""
 
 @final
 class Trajectory:
@@ -603,6 +603,7 @@ def read_point_clouds(
     columns: Sequence[str] | None = None,
     item_bytes: int = 4,
     seconds_per_unit: float | None = None,
+    own_points: tuple[str, tuple[float, float]] | None = None,
 ) -> list[PointCloud]:
     """Read sweeps, each with the labels of its label file or else of the cloud's own label field, if any.
 
@@ -612,10 +613,12 @@ def read_point_clouds(
         columns: Names of the columns of `.bin` files; None for the usual ones of the suffix.
         item_bytes: Size of a number of these files, 4 or 8.
         seconds_per_unit: Seconds of one unit of point times; None for integers of nanoseconds and floats of seconds.
+        own_points: Field of the files, and the smallest and largest value that it has at the LiDAR's own points. Others
+            are left out; None for all points.
 
     Raises:
         InputError: a file cannot be read, is too large or does not match its format, a sweep has more than
-            `max_points` points, or counts differ.
+            `max_points` points or none of the LiDAR's own, or counts differ.
     """
 
 def parse_point_cloud(
@@ -624,6 +627,7 @@ def parse_point_cloud(
     labels: str | PathLike[str] | None,
     max_points: int = ...,
     seconds_per_unit: float | None = None,
+    own_points: tuple[str, tuple[float, float]] | None = None,
 ) -> PointCloud:
     """Read the sweep of `path`, which was converted to an `.npy` array of records (N,) with named fields.
 

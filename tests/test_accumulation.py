@@ -348,3 +348,27 @@ def test_sweeps_without_intensity_stay_without(standing: MovingStreet, tmp_path:
     drive = read_drive(tmp_path / "dense")
     (cloud,) = read_point_clouds([(drive.resolve(drive.frames[0].points), None)], form=drive.point_form)
     assert cloud.intensity is None
+
+
+def test_only_the_lidars_own_points_are_accumulated(standing: MovingStreet, tmp_path: Path) -> None:
+    path = standing.write(tmp_path / "drive", count=3, images=[1])
+    document = yaml.safe_load(path.read_text())
+    for index, frame in enumerate(document["frames"]):
+        own = standing.sweep(index).points
+        rows = np.vstack([np.insert(own, 3, 1.0, axis=1), np.insert(own[:, ::-1], 3, 2.0, axis=1)])
+        rows.astype("<f4").tofile(path.parent / f"{index}.bin")
+        frame["points"] = f"{index}.bin"
+        frame.pop("point_labels")
+    document |= {"point_columns": ["x", "y", "z", "lidar"]}
+    lidar = {"own_points": {"field": "lidar", "range": [1, 1]}, "origin_m": [0.0, 0.0, 0.1]}
+    path.write_text(yaml.safe_dump(document | {"lidar": lidar}))
+    result = invoke("accumulate", path, "--sweeps", "3", "-o", tmp_path / "dense")
+    assert result.exit_code == 0, result.output
+    drive = read_drive(tmp_path / "dense")
+    assert drive.lidar is not None
+    assert (drive.lidar.own_points, drive.lidar.origin_m) == (None, (0.0, 0.0, 0.1))
+    (dense,) = read_point_clouds([(drive.resolve(drive.frames[0].points), None)], form=drive.point_form)
+    sweeps = [standing.sweep(index).points.astype("<f4") for index in range(3)]
+    assert {point.tobytes() for point in dense.points} <= {
+        point.tobytes() for sweep in sweeps for point in sweep
+    }

@@ -68,7 +68,8 @@ def test_the_time_is_the_azimuth(changes: dict[str, Any], times_ms: list[float])
     [
         (
             {},
-            "found nothing, expected channels, columns, fov_up_deg, fov_down_deg together, origin_m, or spin",
+            "found nothing, expected channels, columns, fov_up_deg, fov_down_deg together, origin_m, own_points, or "
+            "spin",
         ),
         (
             {"channels": 64, "spin": KITTI},

@@ -7,7 +7,8 @@
 
 use super::ascii::{self, Token};
 use super::fields::find;
-use super::limit::{Limit, ParseResult, quoted};
+use super::limit::{ParseResult, quoted};
+use super::reading::Reading;
 use super::table::Table;
 
 /// Lines of the pose of a scanner: its position, three axes, and a 4 x 4 matrix.
@@ -15,7 +16,7 @@ const POSE_LINES: usize = 8;
 /// Names of VeloView's columns in place of x, y and z, up to their last character.
 const VELOVIEW: [&str; 2] = ["points_m_xyz:", "points:"];
 
-pub(super) fn parse_csv(bytes: &[u8], limit: Limit) -> ParseResult<Table<'static>> {
+pub(super) fn parse_csv(bytes: &[u8], reading: &Reading) -> ParseResult<Table<'static>> {
     let (first, rest) = split_line(bytes);
     let separator = [b',', b';', b'\t'].into_iter().find(|separator| first.contains(separator));
     let mut cells = cells(first, separator);
@@ -28,19 +29,19 @@ pub(super) fn parse_csv(bytes: &[u8], limit: Limit) -> ParseResult<Table<'static
     match separator {
         Some(separator) => {
             let blank = |&byte: &u8| if byte == separator { b' ' } else { byte };
-            table(&lines.iter().map(blank).collect::<Vec<u8>>(), &names, count_lines(lines), limit)
+            table(&lines.iter().map(blank).collect::<Vec<u8>>(), &names, count_lines(lines), reading)
         }
-        None => table(lines, &names, count_lines(lines), limit),
+        None => table(lines, &names, count_lines(lines), reading),
     }
 }
 
-pub(super) fn parse_pts(bytes: &[u8], limit: Limit) -> ParseResult<Table<'static>> {
+pub(super) fn parse_pts(bytes: &[u8], reading: &Reading) -> ParseResult<Table<'static>> {
     let (first, lines) = split_line(bytes);
     let promised = whole_number(first).ok_or("is not a PTS file: its first line is no number of points")?;
-    leica(lines, promised, limit)
+    leica(lines, promised, reading)
 }
 
-pub(super) fn parse_ptx(bytes: &[u8], limit: Limit) -> ParseResult<Table<'static>> {
+pub(super) fn parse_ptx(bytes: &[u8], reading: &Reading) -> ParseResult<Table<'static>> {
     let (columns, rest) = split_line(bytes);
     let (rows, mut lines) = split_line(rest);
     let area =
@@ -49,10 +50,10 @@ pub(super) fn parse_ptx(bytes: &[u8], limit: Limit) -> ParseResult<Table<'static
     for _ in 0..POSE_LINES {
         lines = split_line(lines).1;
     }
-    leica(lines, promised, limit)
+    leica(lines, promised, reading)
 }
 
-fn leica(lines: &[u8], promised: usize, limit: Limit) -> ParseResult<Table<'static>> {
+fn leica(lines: &[u8], promised: usize, reading: &Reading) -> ParseResult<Table<'static>> {
     const USUAL: [&[&str]; 4] = [
         &["x", "y", "z"],
         &["x", "y", "z", "intensity"],
@@ -64,14 +65,25 @@ fn leica(lines: &[u8], promised: usize, limit: Limit) -> ParseResult<Table<'stat
         return Err(format!("holds {found} lines of points, its header promises {promised} of one scan"));
     }
     let names = usual_names(cells(split_line(lines).0, None).len(), &USUAL)?;
-    table(lines, &names, found, limit)
+    table(lines, &names, found, reading)
 }
 
-fn table(lines: &[u8], names: &[String], num_points: usize, limit: Limit) -> ParseResult<Table<'static>> {
-    limit.check_points(num_points)?;
+fn table(
+    lines: &[u8],
+    names: &[String],
+    num_points: usize,
+    reading: &Reading,
+) -> ParseResult<Table<'static>> {
+    reading.limit.check_points(num_points)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     // Text does not tell the type of a number: all are floats, and times seconds.
-    ascii::parse(lines, num_points, vec![Token::Skipped(1); names.len()], find(&names)?, 1.0)
+    ascii::parse(
+        lines,
+        num_points,
+        vec![Token::Skipped(1); names.len()],
+        find(&names, reading.own_points.as_ref())?,
+        1.0,
+    )
 }
 
 /// The names of columns without names, by their number.
@@ -141,7 +153,7 @@ mod tests {
             "# x\ty\tz\ti\n1\t2\t3\t9\n4\t5\t6\t8",
             "intensity,Points_m_XYZ:0,Points_m_XYZ:1,Points_m_XYZ:2,\n9, 1, 2, 3,\n8, 4, 5, 6,\n",
         ] {
-            let cloud = points(parse_csv(text.as_bytes(), Limit::default())).expect(text);
+            let cloud = points(parse_csv(text.as_bytes(), &Reading::default())).expect(text);
             assert_eq!(cloud.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], "{text}");
             assert_eq!(cloud.intensity, Some(vec![9.0, 8.0]), "{text}");
         }
@@ -149,13 +161,13 @@ mod tests {
 
     #[test]
     fn scans_of_leica() {
-        let pts = points(parse_pts(b"2\n1 2 3 -9 7 7 7\n4 5 6 8 7 7 7\n", Limit::default()));
+        let pts = points(parse_pts(b"2\n1 2 3 -9 7 7 7\n4 5 6 8 7 7 7\n", &Reading::default()));
         assert_eq!(pts.expect("PTS").intensity, Some(vec![-9.0, 8.0]));
         let pose = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n5 5 5 1\n";
         let ptx = format!("1\n2\n{pose}0 0 0 0.5\n1 2 3 0.4\n");
-        let cloud = points(parse_ptx(ptx.as_bytes(), Limit::default())).expect("PTX");
+        let cloud = points(parse_ptx(ptx.as_bytes(), &Reading::default())).expect("PTX");
         assert_eq!((cloud.points, cloud.num_no_returns), (vec![[1.0, 2.0, 3.0]], 1));
-        let two = parse_ptx(format!("{ptx}{ptx}").as_bytes(), Limit::default()).expect_err("two scans");
+        let two = parse_ptx(format!("{ptx}{ptx}").as_bytes(), &Reading::default()).expect_err("two scans");
         assert_eq!(two, "holds 14 lines of points, its header promises 2 of one scan");
     }
 
@@ -175,13 +187,13 @@ mod tests {
             ),
         ];
         for (text, complaint) in complaints {
-            assert_eq!(parse_csv(text.as_bytes(), Limit::default()).expect_err(text), complaint);
+            assert_eq!(parse_csv(text.as_bytes(), &Reading::default()).expect_err(text), complaint);
         }
         assert!(
-            parse_pts(b"x y z\n", Limit::default()).is_err_and(|error| error.starts_with("is not a PTS"))
+            parse_pts(b"x y z\n", &Reading::default()).is_err_and(|error| error.starts_with("is not a PTS"))
         );
         assert!(
-            parse_pts(b"1\n1 2 3\n4 5 6\n", Limit::default())
+            parse_pts(b"1\n1 2 3\n4 5 6\n", &Reading::default())
                 .is_err_and(|error| error.contains("promises 1"))
         );
     }

@@ -2,6 +2,7 @@
 
 use super::column::Scalar;
 use super::limit::{ParseResult, quoted};
+use super::own_points::OwnPoints;
 
 /// One item, such as a column, for each field in use.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,6 +13,8 @@ pub(super) struct Fields<T> {
     pub ring: Option<T>,
     pub time: Option<T>,
     pub label: Option<T>,
+    /// The field that tells the LiDAR's own points, if the user states one.
+    pub own: Option<T>,
 }
 
 /// Field names in lower case, the preferred first. Sources: Ouster's and Velodyne's ROS drivers (`t`, `time`),
@@ -33,26 +36,36 @@ impl<T> Fields<T> {
             ring: self.ring.map(&f).transpose()?,
             time: self.time.map(&f).transpose()?,
             label: self.label.map(&f).transpose()?,
+            own: self.own.map(&f).transpose()?,
         })
     }
 
     /// All fields that the cloud has.
     pub(super) fn iter(&self) -> impl Iterator<Item = &T> {
-        self.xyz.iter().chain(&self.intensity).chain(&self.ring).chain(&self.time).chain(&self.label)
+        let others = [&self.intensity, &self.ring, &self.time, &self.label, &self.own];
+        self.xyz.iter().chain(others.into_iter().flatten())
     }
 }
 
 /// Finds the fields by name, in any case and order; CloudCompare's prefix `scalar_` is ignored.
-pub(super) fn find(names: &[&str]) -> ParseResult<Fields<usize>> {
+///
+/// # Errors
+/// There is no x, y or z, or not the field that tells the LiDAR's own points.
+pub(super) fn find(names: &[&str], own: Option<&OwnPoints>) -> ParseResult<Fields<usize>> {
     let plain: Vec<String> = names.iter().map(|name| plain(name)).collect();
     let position = |wanted: &[&str]| wanted.iter().find_map(|w| plain.iter().position(|name| name == w));
-    let axis = |name| position(&[name]).ok_or_else(|| format!("has {}, needs x, y and z", listed(names)));
+    let axis =
+        |name| position(&[name]).ok_or_else(|| format!("has {}, needs x, y and z", listed(names, SHOWN)));
+    let own = own.map(|own| {
+        position(&[&self::plain(&own.field)]).ok_or_else(|| own.missing_in(&listed(names, SHOWN_OF_OWN)))
+    });
     Ok(Fields {
         xyz: [axis("x")?, axis("y")?, axis("z")?],
         intensity: position(INTENSITY),
         ring: position(RING),
         time: position(TIME),
         label: position(LABEL),
+        own: own.transpose()?,
     })
 }
 
@@ -66,13 +79,16 @@ fn plain(name: &str) -> String {
     name.strip_prefix("scalar_").map(str::to_owned).unwrap_or(name)
 }
 
-fn listed(names: &[&str]) -> String {
-    const SHOWN: usize = 8;
-    let quoted: Vec<String> = names.iter().take(SHOWN).map(|name| quoted(name.as_bytes())).collect();
+/// Number of fields that a message names, and where a user has to choose one of them.
+const SHOWN: usize = 8;
+const SHOWN_OF_OWN: usize = 32;
+
+fn listed(names: &[&str], shown: usize) -> String {
+    let quoted: Vec<String> = names.iter().take(shown).map(|name| quoted(name.as_bytes())).collect();
     match names.len() {
         0 => "no field".into(),
-        1..=SHOWN => format!("the fields {}", quoted.join(" ")),
-        more => format!("the fields {} and {} more", quoted.join(" "), more - SHOWN),
+        all if all <= shown => format!("the fields {}", quoted.join(" ")),
+        all => format!("the fields {} and {} more", quoted.join(" "), all - shown),
     }
 }
 
@@ -82,19 +98,29 @@ mod tests {
 
     #[test]
     fn names_of_many_writers() {
-        let rellis = find(&["x", "y", "z", "intensity", "t", "reflectivity", "ring", "noise", "range"]);
-        let expected =
-            Fields { xyz: [0, 1, 2], intensity: Some(3), ring: Some(6), time: Some(4), label: None };
+        let rellis = find(&["x", "y", "z", "intensity", "t", "reflectivity", "ring", "noise", "range"], None);
+        let expected = Fields {
+            xyz: [0, 1, 2],
+            intensity: Some(3),
+            ring: Some(6),
+            time: Some(4),
+            label: None,
+            own: None,
+        };
         assert_eq!(rellis, Ok(expected));
-        let carla = find(&["x", "y", "z", "CosAngle", "ObjIdx", "ObjTag"]).expect("x y z");
+        let carla = find(&["x", "y", "z", "CosAngle", "ObjIdx", "ObjTag"], None).expect("x y z");
         assert_eq!((carla.label, carla.intensity), (Some(5), None));
-        let cloud_compare = find(&["scalar_Classification", "Z", "Y", "X", "scalar_GpsTime"]).expect("x y z");
+        let cloud_compare =
+            find(&["scalar_Classification", "Z", "Y", "X", "scalar_GpsTime"], None).expect("x y z");
         assert_eq!(
             (cloud_compare.label, cloud_compare.xyz, cloud_compare.time),
             (Some(0), [3, 2, 1], Some(4))
         );
-        assert_eq!(find(&["x", "z"]), Err("has the fields x z, needs x, y and z".into()));
+        assert_eq!(find(&["x", "z"], None), Err("has the fields x z, needs x, y and z".into()));
         let many = ["a"; 10];
-        assert_eq!(find(&many), Err("has the fields a a a a a a a a and 2 more, needs x, y and z".into()));
+        assert_eq!(
+            find(&many, None),
+            Err("has the fields a a a a a a a a and 2 more, needs x, y and z".into())
+        );
     }
 }

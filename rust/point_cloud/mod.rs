@@ -9,6 +9,7 @@ mod fields;
 mod limit;
 pub mod lzf;
 mod npy;
+mod own_points;
 mod pcd;
 mod ply;
 mod raw;
@@ -21,6 +22,7 @@ use nalgebra::Vector3;
 use crate::classes::ClassShares;
 
 pub use limit::{Limit, MAX_POINTS};
+pub use own_points::OwnPoints;
 pub use reading::{Format, Reading, decode, read, read_all, read_as};
 pub use record_layout::RecordLayout;
 
@@ -29,7 +31,7 @@ pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
     Vector3::new(f64::from(point[0]), f64::from(point[1]), f64::from(point[2]))
 }
 
-/// A sweep without its "no return" entries.
+/// A sweep without its "no return" entries, and without points of other LiDARs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointCloud {
     /// `x y z` in metres, LiDAR frame.
@@ -46,7 +48,7 @@ pub struct PointCloud {
     pub label_shares: Option<ClassShares>,
     /// Number of entries that were not finite or all zero, which are left out.
     pub num_no_returns: usize,
-    /// Which of the file's entries are points.
+    /// Which of the file's entries are the points.
     pub is_return: Vec<bool>,
 }
 

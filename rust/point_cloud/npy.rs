@@ -9,7 +9,9 @@ use zip::ZipArchive;
 
 use super::column::{Column, NumberKind, Scalar};
 use super::fields::{Fields, find, seconds_per_tick};
-use super::limit::{Limit, ParseResult, quoted};
+use super::limit::{ParseResult, quoted};
+use super::own_points::OwnPoints;
+use super::reading::Reading;
 use super::table::{EntryValues, Table};
 use crate::array_file::{open_archive, read_array, split_header};
 use crate::file::{OpenFile, Stream};
@@ -17,21 +19,30 @@ use crate::file::{OpenFile, Stream};
 /// An array with more columns is an image rather than a table of points.
 const MAX_COLUMNS: u64 = 16;
 
-pub(super) fn parse(bytes: &[u8], limit: Limit) -> ParseResult<Table<'_>> {
+pub(super) fn parse<'a>(bytes: &'a [u8], reading: &Reading) -> ParseResult<Table<'a>> {
+    parse_table(bytes, reading, reading.own_points.as_ref())
+}
+
+fn parse_table<'a>(bytes: &'a [u8], reading: &Reading, own: Option<&OwnPoints>) -> ParseResult<Table<'a>> {
     let (header, data) = split_header(bytes)?;
     let table = match header.dtype() {
-        DType::Record(fields) => parse_records(&header, &fields, data),
-        DType::Plain(dtype) => parse_columns(&header, &dtype, data),
+        DType::Record(fields) => parse_records(&header, &fields, data, own),
+        DType::Plain(dtype) => parse_columns(&header, &dtype, data, own),
         DType::Array(..) => Err("holds arrays of arrays, needs numbers or records".into()),
     }?;
-    limit.check_points(table.num_records())?;
+    reading.limit.check_points(table.num_records())?;
     Ok(table)
 }
 
 /// Records of any shape: the rows of an organised cloud follow one another.
-fn parse_records<'a>(header: &NpyHeader, fields: &[npyz::Field], data: &'a [u8]) -> ParseResult<Table<'a>> {
+fn parse_records<'a>(
+    header: &NpyHeader,
+    fields: &[npyz::Field],
+    data: &'a [u8],
+    own: Option<&OwnPoints>,
+) -> ParseResult<Table<'a>> {
     let names: Vec<&str> = fields.iter().map(|field| field.name.as_str()).collect();
-    let indices = find(&names)?;
+    let indices = find(&names, own)?;
     let bytes_of = |fields: &[npyz::Field]| fields.iter().filter_map(|f| f.dtype.num_bytes()).sum();
     let columns = indices.try_map(|index| {
         let DType::Plain(dtype) = &fields[index].dtype else {
@@ -44,7 +55,12 @@ fn parse_records<'a>(header: &NpyHeader, fields: &[npyz::Field], data: &'a [u8])
     Table::new(data, num_records, columns, tick)
 }
 
-fn parse_columns<'a>(header: &NpyHeader, dtype: &TypeStr, data: &'a [u8]) -> ParseResult<Table<'a>> {
+fn parse_columns<'a>(
+    header: &NpyHeader,
+    dtype: &TypeStr,
+    data: &'a [u8],
+    own: Option<&OwnPoints>,
+) -> ParseResult<Table<'a>> {
     let [num_records, num_columns @ 3..=MAX_COLUMNS] = *header.shape() else {
         let needed = "N x 3, or N x 4 and more (x y z intensity ...)";
         return Err(format!("has shape {:?}, needs {needed}", header.shape()));
@@ -56,14 +72,9 @@ fn parse_columns<'a>(header: &NpyHeader, dtype: &TypeStr, data: &'a [u8]) -> Par
         Order::Fortran => (size * rows, size),
     };
     let column = |index: usize| column(dtype, index * between_columns, stride);
-    let columns = Fields {
-        xyz: [column(0)?, column(1)?, column(2)?],
-        intensity: (columns > 3).then(|| column(3)).transpose()?,
-        ring: None,
-        time: None,
-        label: None,
-    };
-    Table::new(data, rows, columns, 1.0)
+    let names = ["x", "y", "z", "intensity"];
+    let indices = find(&names[..columns.min(names.len())], own)?;
+    Table::new(data, rows, indices.try_map(column)?, 1.0)
 }
 
 /// N numbers.
@@ -105,17 +116,21 @@ struct Arrays<R> {
     left: u64,
 }
 
-pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> ParseResult<Table<'static>> {
+pub(super) fn parse_archive(bytes: &[u8], reading: &Reading) -> ParseResult<Table<'static>> {
     let most = (bytes.len() as u64).saturating_mul(MAX_RATIO).max(MIN_LIMIT);
-    let mut arrays = Arrays::new(Cursor::new(bytes), most.min(limit.max_bytes()))?;
+    let mut arrays = Arrays::new(Cursor::new(bytes), most.min(reading.limit.max_bytes()))?;
     let points = arrays.points()?;
-    let unpacked = arrays.unpack(points)?;
-    let mut table = arrays.explain(points, parse(&unpacked, limit))?.into_owned();
-    drop(unpacked);
     // The points' own array provides x, y and z.
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().chain(arrays.names.iter().map(String::as_str)).collect();
-    let indices = find(&names)?;
+    // What tells the LiDAR's own points is an array, or else a field of the points.
+    let own = reading.own_points.as_ref();
+    let indices = find(&names, own).or_else(|_| find(&names, None))?;
+    let own_of_points = own.filter(|_| indices.own.is_none_or(|index| index < 3));
+    let unpacked = arrays.unpack(points)?;
+    let parsed = parse_table(&unpacked, reading, own_of_points);
+    let mut table = arrays.explain(points, parsed)?.into_owned();
+    drop(unpacked);
     // Separate arrays take precedence over the fields of the table.
     let mut join = |index: Option<usize>, field: fn(&mut Fields<Column>) -> &mut Option<Column>| {
         let Some(member) = index.and_then(|index| index.checked_sub(3)) else { return Ok(()) };
@@ -128,6 +143,7 @@ pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> ParseResult<Table<'st
     join(indices.ring, |fields| &mut fields.ring)?;
     join(indices.time, |fields| &mut fields.time)?;
     join(indices.label, |fields| &mut fields.label)?;
+    join(indices.own, |fields| &mut fields.own)?;
     table.seconds_per_tick = table.columns.time.map_or(1.0, |time| seconds_per_tick(time.scalar));
     Ok(table)
 }

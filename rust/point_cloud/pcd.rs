@@ -10,8 +10,9 @@ use std::path::Path;
 use super::ascii::{self, Token};
 use super::column::{Column, NumberKind, Scalar};
 use super::fields::{find, seconds_per_tick};
-use super::limit::{Limit, ParseResult, quoted};
+use super::limit::{ParseResult, quoted};
 use super::lzf;
+use super::reading::Reading;
 use super::table::Table;
 use crate::file::OpenFile;
 
@@ -38,11 +39,12 @@ enum Encoding {
     Compressed,
 }
 
-pub(super) fn parse(bytes: &[u8], limit: Limit) -> ParseResult<Table<'_>> {
+pub(super) fn parse<'a>(bytes: &'a [u8], reading: &Reading) -> ParseResult<Table<'a>> {
+    let limit = reading.limit;
     let (header, data) = parse_header(bytes)?;
     limit.check_points(header.num_points)?;
     let names: Vec<&str> = header.fields.iter().map(|field| field.name.as_str()).collect();
-    let indices = find(&names)?;
+    let indices = find(&names, reading.own_points.as_ref())?;
     let scalars = indices.try_map(|index| header.fields[index].scalar())?;
     let tick = scalars.time.map_or(1.0, seconds_per_tick);
     match header.encoding {

@@ -7,7 +7,9 @@
 use super::ascii::{self, TextLine, Token};
 use super::column::{Column, NumberKind, Scalar};
 use super::fields::{find, seconds_per_tick};
-use super::limit::{Limit, ParseResult, quoted};
+use super::limit::{ParseResult, quoted};
+use super::own_points::OwnPoints;
+use super::reading::Reading;
 use super::table::Table;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -35,12 +37,12 @@ enum Layout {
     List(Scalar, Scalar),
 }
 
-pub(super) fn parse(bytes: &[u8], limit: Limit) -> ParseResult<Table<'_>> {
+pub(super) fn parse<'a>(bytes: &'a [u8], reading: &Reading) -> ParseResult<Table<'a>> {
     let (encoding, elements, mut data) = parse_header(bytes)?;
     for element in &elements {
         if element.is_vertex {
-            limit.check_points(element.count)?;
-            return element.vertices(encoding, data);
+            reading.limit.check_points(element.count)?;
+            return element.vertices(encoding, data, reading.own_points.as_ref());
         }
         data = element.skip(encoding, data)?;
     }
@@ -48,11 +50,16 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> ParseResult<Table<'_>> {
 }
 
 impl Element {
-    fn vertices<'a>(&self, encoding: Encoding, data: &'a [u8]) -> ParseResult<Table<'a>> {
+    fn vertices<'a>(
+        &self,
+        encoding: Encoding,
+        data: &'a [u8],
+        own: Option<&OwnPoints>,
+    ) -> ParseResult<Table<'a>> {
         // A list has no name to look up.
         let names: Vec<&str> =
             self.properties.iter().map(|p| if p.scalar().is_some() { &*p.name } else { "" }).collect();
-        let indices = find(&names)?;
+        let indices = find(&names, own)?;
         let scalar = |index: usize| self.properties[index].scalar();
         let tick = indices.time.and_then(scalar).map_or(1.0, seconds_per_tick);
         if encoding == Encoding::Ascii {

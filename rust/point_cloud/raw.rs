@@ -9,27 +9,28 @@ use std::path::Path;
 
 use super::column::{Column, Scalar};
 use super::fields::seconds_per_tick;
-use super::limit::{Limit, ParseResult};
+use super::limit::ParseResult;
 use super::npy;
+use super::reading::Reading;
 use super::record_layout::RecordLayout;
 use super::table::{EntryValues, Table};
 use crate::array_file::MAX_HEADER_BYTES;
 use crate::error::{Error, Result};
 use crate::file::{check_bytes, extension};
 
-/// Records of one type of number, as `stated`, or else as `usual` if the numbers are in these columns.
-pub(super) fn parse<'a>(
-    bytes: &'a [u8],
-    usual: &RecordLayout,
-    stated: Option<&RecordLayout>,
-    limit: Limit,
-) -> ParseResult<Table<'a>> {
+/// Records of one type of number, as the user states, or else as `usual` if the numbers are in these columns.
+pub(super) fn parse<'a>(bytes: &'a [u8], usual: &RecordLayout, reading: &Reading) -> ParseResult<Table<'a>> {
+    let stated = reading.layout.as_ref();
     let layout = stated.unwrap_or(usual);
     let num_records = count_records(bytes, layout.record_bytes()).map_err(|_| layout.misfit(bytes))?;
-    limit.check_points(num_records)?;
+    reading.limit.check_points(num_records)?;
     layout.check(bytes, stated.is_some())?;
     let tick = layout.scalar_of_time().map_or(1.0, seconds_per_tick);
-    Table::new(bytes, num_records, layout.columns()?, tick)
+    let columns = layout.columns(reading.own_points.as_ref()).map_err(|reason| match stated {
+        Some(_) => reason,
+        None => format!("{reason}: point_columns (--point-columns) names the columns of a .bin"),
+    })?;
+    Table::new(bytes, num_records, columns, tick)
 }
 
 /// Number of records of a given size, which must be an integer.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::limit::{self, Limit, ParseResult};
+use super::own_points::OwnPoints;
 use super::record_layout::RecordLayout;
 use super::table::Table;
 use super::{PointCloud, delimited, npy, pcd, ply, raw};
@@ -44,6 +45,8 @@ pub struct Reading {
     pub layout: Option<RecordLayout>,
     /// Seconds of one unit of the points' times; `None` takes integers for nanoseconds and others for seconds.
     pub seconds_per_unit: Option<f64>,
+    /// Which points of a cloud are the LiDAR's own; `None` reads all.
+    pub own_points: Option<OwnPoints>,
 }
 
 impl Format {
@@ -72,20 +75,20 @@ impl Format {
     }
 
     fn parse<'a>(self, bytes: &'a [u8], reading: &Reading) -> ParseResult<Table<'a>> {
-        let (limit, stated) = (reading.limit, reading.layout.as_ref());
         let mut table = match self {
             Self::Kitti | Self::NuScenes => {
-                raw::parse(bytes, &RecordLayout::usual(self == Self::NuScenes), stated, limit)
+                raw::parse(bytes, &RecordLayout::usual(self == Self::NuScenes), reading)
             }
-            Self::Pcd => pcd::parse(bytes, limit),
-            Self::Ply => ply::parse(bytes, limit),
-            Self::Npy => npy::parse(bytes, limit),
-            Self::Npz => npy::parse_archive(bytes, limit),
-            Self::Csv => delimited::parse_csv(bytes, limit),
-            Self::Pts => delimited::parse_pts(bytes, limit),
-            Self::Ptx => delimited::parse_ptx(bytes, limit),
+            Self::Pcd => pcd::parse(bytes, reading),
+            Self::Ply => ply::parse(bytes, reading),
+            Self::Npy => npy::parse(bytes, reading),
+            Self::Npz => npy::parse_archive(bytes, reading),
+            Self::Csv => delimited::parse_csv(bytes, reading),
+            Self::Pts => delimited::parse_pts(bytes, reading),
+            Self::Ptx => delimited::parse_ptx(bytes, reading),
         }?;
         table.seconds_per_tick = reading.seconds_per_unit.unwrap_or(table.seconds_per_tick);
+        table.own_points.clone_from(&reading.own_points);
         Ok(table)
     }
 }
@@ -131,7 +134,7 @@ fn content_bytes((points, labels): &(PathBuf, Option<PathBuf>), limit: Limit) ->
 ///
 /// # Errors
 /// A file cannot be read or is too large, its size or content does not match its format, the counts of points and
-/// labels differ, a label is not a class id, or there is no return.
+/// labels differ, a label is not a class id, or there is no return of the LiDAR.
 pub fn read(points: &Path, labels: Option<&Path>, reading: &Reading) -> Result<PointCloud> {
     let file = OpenFile::open(points)?;
     reading.limit.check_bytes(file.size()).map_err(|reason| Error::file(points, reason))?;
@@ -156,7 +159,7 @@ pub fn read_as(
         return decode_table(&table).map_err(complain);
     };
     let (mut cloud, returns) = table.decode();
-    check_returns(&cloud).map_err(complain)?;
+    table.check_points(&cloud).map_err(complain)?;
     if extension(path) == "npz" {
         let shares = probabilities::read(path, &[table.num_records()])?;
         cloud.label_shares = Some(shares.kept(returns.keep()));
@@ -182,15 +185,7 @@ pub fn decode(format: Format, bytes: &[u8]) -> std::result::Result<PointCloud, S
 
 fn decode_table(table: &Table<'_>) -> ParseResult<PointCloud> {
     let (mut cloud, returns) = table.decode();
-    check_returns(&cloud)?;
+    table.check_points(&cloud)?;
     cloud.labels = table.labels().map(|labels| labels.ids(&returns)).transpose()?;
     Ok(cloud)
-}
-
-fn check_returns(cloud: &PointCloud) -> ParseResult<()> {
-    match cloud.points[..] {
-        [] if cloud.num_no_returns == 0 => Err("holds no points".into()),
-        [] => Err("holds no returns: every point is zero or not finite".into()),
-        _ => Ok(()),
-    }
 }

@@ -8,6 +8,7 @@
 use super::column::{Column, NumberKind, Scalar};
 use super::fields::{Fields, find};
 use super::limit::ParseResult;
+use super::own_points::OwnPoints;
 
 /// The columns of a file's records, all of one type.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +51,7 @@ impl RecordLayout {
     /// # Errors
     /// There is no x, y or z, or no float of this size.
     pub fn new(names: Vec<String>, item_bytes: usize) -> std::result::Result<Self, String> {
-        let fields = find(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+        let fields = find(&names.iter().map(String::as_str).collect::<Vec<_>>(), None)?;
         let scalar = Scalar::new(NumberKind::Float, item_bytes);
         let scalar = scalar.ok_or_else(|| format!("has floats of {item_bytes} bytes, needs 4 or 8"))?;
         Ok(Self { names, fields, scalar })
@@ -64,6 +65,7 @@ impl RecordLayout {
             ring: has_ring.then_some(4),
             time: None,
             label: None,
+            own: None,
         };
         let names = ["x", "y", "z", "intensity", "ring"].iter().take(4 + usize::from(has_ring));
         Self { names: names.map(|&name| name.to_owned()).collect(), fields, scalar: Scalar::F32 }
@@ -72,7 +74,8 @@ impl RecordLayout {
     /// x y z and columns whose meaning is not known.
     fn of_columns(num_columns: usize, scalar: Scalar) -> Self {
         let names = (0..num_columns).map(|index| ["x", "y", "z"].get(index).unwrap_or(&"_").to_string());
-        let fields = Fields { xyz: [0, 1, 2], intensity: None, ring: None, time: None, label: None };
+        let fields =
+            Fields { xyz: [0, 1, 2], intensity: None, ring: None, time: None, label: None, own: None };
         Self { names: names.collect(), fields, scalar }
     }
 
@@ -80,10 +83,12 @@ impl RecordLayout {
         self.scalar.size() * self.names.len()
     }
 
-    pub(super) fn columns(&self) -> ParseResult<Fields<Column>> {
+    pub(super) fn columns(&self, own: Option<&OwnPoints>) -> ParseResult<Fields<Column>> {
+        let names: Vec<&str> = self.names.iter().map(String::as_str).collect();
+        let fields = Fields { own: find(&names, own)?.own, ..self.fields };
         let column =
             |index| Column::little_endian(self.scalar.size() * index, self.record_bytes(), self.scalar);
-        self.fields.try_map(|index| Ok(column(index)))
+        fields.try_map(|index| Ok(column(index)))
     }
 
     pub(super) fn scalar_of_time(&self) -> Option<Scalar> {

@@ -6,6 +6,7 @@ use super::PointCloud;
 use super::column::{Column, Scalar};
 use super::fields::Fields;
 use super::limit::ParseResult;
+use super::own_points::OwnPoints;
 
 /// Columns of a cloud, over the bytes of its file or bytes unpacked from it.
 #[derive(Debug)]
@@ -14,6 +15,8 @@ pub(super) struct Table<'a> {
     num_records: usize,
     pub columns: Fields<Column>,
     pub seconds_per_tick: f64,
+    /// What `columns.own` holds at the points that are decoded.
+    pub own_points: Option<OwnPoints>,
 }
 
 /// One number for each entry of a cloud, no-returns included, such as its class id.
@@ -43,7 +46,7 @@ impl<'a> Table<'a> {
     ) -> ParseResult<Self> {
         let bytes = bytes.into();
         columns.iter().try_for_each(|column| column.check(num_records, bytes.len()))?;
-        Ok(Self { bytes, num_records, columns, seconds_per_tick })
+        Ok(Self { bytes, num_records, columns, seconds_per_tick, own_points: None })
     }
 
     pub(super) fn into_owned(self) -> Table<'static> {
@@ -70,11 +73,16 @@ impl<'a> Table<'a> {
         self.columns.label.map(|column| EntryValues { bytes, num_records, column })
     }
 
-    /// Decodes everything but labels, without entries that are not finite or all zero.
+    /// Decodes everything but labels, without entries that are not finite, all zero, or of another LiDAR.
     pub(super) fn decode(&self) -> (PointCloud, ReturnMask) {
         let (points, returns) = self.returns();
+        let num_no_returns = self.num_records - returns.count;
+        let (points, returns) = match self.own_entries() {
+            Some((own, column)) => returns.narrowed(&points, &self.holds(own, column)),
+            None => (points, returns),
+        };
         let cloud = PointCloud {
-            num_no_returns: self.num_records - returns.count,
+            num_no_returns,
             is_return: returns.keep.clone(),
             intensity: self.columns.intensity.map(|column| floats(&column, &self.bytes, &returns)),
             ring: self.columns.ring.and_then(|column| whole_numbers(&column, &self.bytes, &returns).ok()),
@@ -99,6 +107,34 @@ impl<'a> Table<'a> {
             values.into_iter()
         };
         select_returns(f(x).zip(f(y)).zip(f(z)).map(|((x, y), z)| [x, y, z]), n)
+    }
+
+    /// Refuses a cloud without a point, as decoded from this table.
+    pub(super) fn check_points(&self, cloud: &PointCloud) -> ParseResult<()> {
+        if !cloud.points.is_empty() {
+            return Ok(());
+        }
+        match self.own_entries() {
+            _ if self.num_records == 0 => Err("holds no points".into()),
+            Some((own, column)) if cloud.num_no_returns < self.num_records => {
+                let mut span = [f64::INFINITY, f64::NEG_INFINITY];
+                let widen = |value: f64| span = [span[0].min(value), span[1].max(value)];
+                column.for_each(&self.bytes, self.num_records, widen);
+                Err(own.none_among(span))
+            }
+            _ => Err("holds no returns: every point is zero or not finite".into()),
+        }
+    }
+
+    fn own_entries(&self) -> Option<(&OwnPoints, &Column)> {
+        self.own_points.as_ref().zip(self.columns.own.as_ref())
+    }
+
+    /// Whether each entry is the LiDAR's own.
+    fn holds(&self, own: &OwnPoints, column: &Column) -> Vec<bool> {
+        let mut are_own = Vec::with_capacity(self.num_records);
+        column.for_each(&self.bytes, self.num_records, |value| are_own.push(own.contains(value)));
+        are_own
     }
 
     fn seconds(&self, column: &Column, returns: &ReturnMask) -> Vec<f64> {
@@ -135,6 +171,16 @@ impl<'a> EntryValues<'a> {
 impl ReturnMask {
     pub(super) fn keep(&self) -> &[bool] {
         &self.keep
+    }
+
+    /// The points and the mask of those returns that some of the entries are.
+    fn narrowed(self, points: &[[f32; 3]], entries: &[bool]) -> (Vec<[f32; 3]>, Self) {
+        let returns = self.keep.iter().zip(entries).filter(|(is_return, _)| **is_return);
+        let points = points.iter().zip(returns).filter(|(_, (_, is_kept))| **is_kept);
+        let points: Vec<[f32; 3]> = points.map(|(&point, _)| point).collect();
+        let keep = self.keep.iter().zip(entries).map(|(&is_return, &is_kept)| is_return & is_kept).collect();
+        let count = points.len();
+        (points, Self { keep, count })
     }
 
     /// The values of the returns, from their bytes.

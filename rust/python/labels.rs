@@ -14,7 +14,7 @@ use super::arrays::dense_image;
 use super::calls::{detached, value_error};
 use crate::classes::{self, ClassShares, NUM_IDS};
 use crate::label_image::{Encoding, LabelImage};
-use crate::point_cloud::{self, Limit, MAX_POINTS, PointCloud, Reading, RecordLayout};
+use crate::point_cloud::{self, Limit, MAX_POINTS, OwnPoints, PointCloud, Reading, RecordLayout};
 use crate::probabilities;
 use crate::speckle::despeckled;
 
@@ -50,7 +50,9 @@ impl PyPointCloud {
 }
 
 #[pyfunction]
-#[pyo3(signature = (paths, max_points=MAX_POINTS, columns=None, item_bytes=4, seconds_per_unit=None))]
+#[pyo3(signature = (
+    paths, max_points=MAX_POINTS, columns=None, item_bytes=4, seconds_per_unit=None, own_points=None
+))]
 pub(super) fn read_point_clouds(
     py: Python<'_>,
     paths: Vec<(PathBuf, Option<PathBuf>)>,
@@ -58,16 +60,18 @@ pub(super) fn read_point_clouds(
     columns: Option<Vec<String>>,
     item_bytes: usize,
     seconds_per_unit: Option<f64>,
+    own_points: Option<(String, [f64; 2])>,
 ) -> PyResult<Vec<PyPointCloud>> {
     let layout =
         columns.map(|columns| RecordLayout::new(columns, item_bytes)).transpose().map_err(value_error)?;
-    let reading = Reading { limit: Limit { max_points }, layout, seconds_per_unit };
+    let own_points = own_points.map(|(field, range)| OwnPoints { field, range });
+    let reading = Reading { limit: Limit { max_points }, layout, seconds_per_unit, own_points };
     let clouds = detached(|| point_cloud::read_all(&paths, &reading))?;
     clouds.into_iter().map(|cloud| PyPointCloud::new(py, cloud)).collect()
 }
 
 #[pyfunction]
-#[pyo3(signature = (path, npy, labels, max_points=MAX_POINTS, seconds_per_unit=None))]
+#[pyo3(signature = (path, npy, labels, max_points=MAX_POINTS, seconds_per_unit=None, own_points=None))]
 pub(super) fn parse_point_cloud(
     py: Python<'_>,
     path: PathBuf,
@@ -75,9 +79,11 @@ pub(super) fn parse_point_cloud(
     labels: Option<PathBuf>,
     max_points: usize,
     seconds_per_unit: Option<f64>,
+    own_points: Option<(String, [f64; 2])>,
 ) -> PyResult<PyPointCloud> {
     let format = point_cloud::Format::Npy;
-    let reading = Reading { limit: Limit { max_points }, layout: None, seconds_per_unit };
+    let own_points = own_points.map(|(field, range)| OwnPoints { field, range });
+    let reading = Reading { limit: Limit { max_points }, layout: None, seconds_per_unit, own_points };
     let cloud = detached(|| point_cloud::read_as(format, &path, npy, labels.as_deref(), &reading))?;
     PyPointCloud::new(py, cloud)
 }

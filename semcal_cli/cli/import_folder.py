@@ -13,6 +13,7 @@ import click
 from semcal_cli.cli.accumulate import MAX_SWEEPS, accumulate_into
 from semcal_cli.cli.import_settings import (
     ImportSettings,
+    lidar_own_points,
     lidar_spin,
     max_gap,
     ray_origin,
@@ -89,6 +90,7 @@ class FolderSettings(ImportSettings):
     )
     spin: dict[str, Any] | None = lidar_spin()
     origin_m: tuple[float, float, float] | None = ray_origin()
+    own_points: dict[str, Any] | None = lidar_own_points()
     accumulate: int | None = option(
         "Make a dense cloud for each image of the N sweeps around it, as `semcal accumulate` does; clouds without an "
         "image count.",
@@ -156,7 +158,7 @@ def folder(settings: FolderSettings) -> None:
 
     # The labels are found by their patterns, and are part of the recording.
     labels: dict[str, Any] = {"image_labels": None, "point_labels": None}
-    lidar = stated_lidar(settings.spin, settings.origin_m)
+    lidar = stated_lidar(settings.spin, settings.origin_m, settings.own_points)
     if settings.accumulate is None:
         settings.write(read(made_of(FilePatterns, settings, lidar=lidar)), **labels)
         return

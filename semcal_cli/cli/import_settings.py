@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.import_values import SpinOfLidar
+from semcal_cli.cli.import_values import OwnPointsOfLidar, SpinOfLidar
 from semcal_cli.cli.options import FrameSlice, QuietSettings
 from semcal_cli.cli.parameter_types import FiniteRange
 from semcal_cli.cli.settings import made_of, option
@@ -56,11 +56,26 @@ def ray_origin() -> Any:
     )
 
 
-def stated_lidar(spin: dict[str, Any] | None, origin_m: tuple[float, ...] | None) -> dict[str, Any] | None:
+def lidar_own_points() -> Any:
+    """Declare the option of which points are the LiDAR's own."""
+    return option(
+        "The LiDAR's own points, where clouds hold those of several LiDARs: a field of the files, and its value or its "
+        "smallest and largest value there, such as ring=0:31 or lidar=2. Others are not read.",
+        "--own-points",
+        type=OwnPointsOfLidar(),
+        metavar="FIELD=FIRST[:LAST]",
+    )
+
+
+def stated_lidar(
+    spin: dict[str, Any] | None,
+    origin_m: tuple[float, ...] | None,
+    own_points: dict[str, Any] | None = None,
+) -> dict[str, Any] | None:
     """Make the `lidar:` block of a drive of what these options state; None if they state nothing."""
     origin = None if origin_m is None else list(origin_m)
-    stated = {key: value for key, value in (("origin_m", origin), ("spin", spin)) if value is not None}
-    return stated or None
+    keys = {"origin_m": origin, "own_points": own_points, "spin": spin}
+    return {key: value for key, value in keys.items() if value is not None} or None
 
 
 @dataclass(frozen=True, kw_only=True)

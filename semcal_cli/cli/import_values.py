@@ -41,6 +41,31 @@ class SpinOfLidar(click.ParamType):  # type: ignore[type-arg]
             self.fail(str(error), param, ctx)
 
 
+class OwnPointsOfLidar(click.ParamType):  # type: ignore[type-arg]
+    """FIELD=FIRST:LAST, as the keys of `lidar: own_points:` in a drive; or FIELD=VALUE."""
+
+    name = "FIELD=FIRST[:LAST]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, Any]:
+        """Parse the field and its values."""
+        from semcal_cli.drive.lidar import Lidar
+        from semcal_cli.files.validation import validate
+
+        if isinstance(value, dict):
+            return value
+        field, _, values = str(value).rpartition("=")
+        first, _, last = values.partition(":")
+        try:
+            numbers = [float(first), float(last or first)]
+        except ValueError:
+            self.fail(f"found {str(value)[:40]!r}, expected {self.name}, such as ring=0:31.", param, ctx)
+        try:
+            lidar = validate(Lidar, {"own_points": {"field": field, "range": numbers}}, "")
+            return lidar.model_dump(mode="json")["own_points"]  # type: ignore[no-any-return]
+        except InputError as error:
+            self.fail(str(error), param, ctx)
+
+
 class PointColumns(click.ParamType):  # type: ignore[type-arg]
     """Comma-separated columns of a file without a header."""
 

@@ -2,8 +2,8 @@
 
 from typing import Literal, NamedTuple, TypeAlias
 
-PointColumn: TypeAlias = Literal["x", "y", "z", "intensity", "ring", "time", "label", "_"]
-"""A column of a `.bin` file; `_` is not used."""
+PointColumn: TypeAlias = Literal["x", "y", "z", "intensity", "ring", "time", "label", "lidar", "_"]
+"""A column of a `.bin` file; `lidar` is the number of a LiDAR among several, and `_` is not used."""
 PointType: TypeAlias = Literal["f4", "f8"]
 """Type of all numbers of a `.bin` file, as NumPy names it: float32 or float64."""
 NamedUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
@@ -18,7 +18,7 @@ MAX_ORIGIN_M = 100.0
 
 
 class PointForm(NamedTuple):
-    """Columns of `.bin` files and unit of point times, where the user states them."""
+    """Columns of `.bin` files, unit of point times, and the LiDAR's own points, where the user states them."""
 
     point_columns: tuple[PointColumn, ...] | None = None
     """Columns of `.bin` files; None for KITTI's four, or nuScenes' five of a `.pcd.bin`."""
@@ -26,6 +26,8 @@ class PointForm(NamedTuple):
     """Type of their numbers."""
     time_unit: NamedUnit | float | None = None
     """Unit of point times, or its length in seconds; None takes whole numbers for nanoseconds, others for seconds."""
+    own_points: tuple[str, tuple[float, float]] | None = None
+    """Field of the files, and the smallest and largest value that it has at the LiDAR's own points; None for all."""
 
     @property
     def seconds_per_unit(self) -> float | None:

@@ -85,7 +85,8 @@ class Drive(StrictModel):
     camera: Camera
     """Camera of the drive. Its intrinsics are assumed to be right unless they are estimated together with the pose."""
     lidar: Lidar | None = None
-    """Scan pattern of the LiDAR, estimated from the points if absent, where its rays start, and how it turns."""
+    """Scan pattern of the LiDAR, estimated from the points if absent, its own points, where its rays start, and how it
+    turns."""
     frame_ids: FrameIds | None = None
     """Names of the coordinate frames, as the recording has them; `semcal convert` writes them."""
     frames: Annotated[tuple[Frame, ...], length(1)]
@@ -157,6 +158,9 @@ class Drive(StrictModel):
             raise InputError(
                 f"{path}: motion.poses: found {drive.motion.poses!r}, expected 'poses', the array"
             )
+        if drive.lidar is not None and drive.lidar.own_points is not None:
+            needed = "expected none: arrays have no fields; pass the LiDAR's own points alone"
+            raise InputError(f"{path}: lidar.own_points: found {drive.lidar.own_points.field!r}, {needed}")
         drive._path, drive._arrays = path, held_arrays
         return drive
 
@@ -236,7 +240,8 @@ class Drive(StrictModel):
     @property
     def point_form(self) -> PointForm:
         """What the drive states about its files of points."""
-        return PointForm(self.point_columns, self.point_type, self.time_unit)
+        own_points = None if self.lidar is None else self.lidar.own_values
+        return PointForm(self.point_columns, self.point_type, self.time_unit, own_points)
 
     @property
     def arrays(self) -> HeldArrays | None:

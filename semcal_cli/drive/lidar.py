@@ -1,7 +1,7 @@
-"""The LiDAR of a drive: its scan pattern, where its rays start, and how it turns, which tells when it measured a point.
+"""The LiDAR of a drive: its scan pattern, its own points, where its rays start, and how it turns.
 
-A laser that points a few degrees beside the direction in which the LiDAR faces, as some of an HDL-64E do, is off by
-one or two milliseconds.
+How it turns tells when it measured a point. A laser that points a few degrees beside the direction in which the LiDAR
+faces, as some of an HDL-64E do, is off by one or two milliseconds.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from semcal_cli.geometry.arrays import Numbers, Points
 
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 Coordinate = Annotated[float, Field(ge=-MAX_ORIGIN_M, le=MAX_ORIGIN_M)]
+MAX_FIELD_LENGTH = 100
+"""Largest number of characters of the name of a field of a cloud."""
 SHARES = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Share of a sweep that has passed at each moment that a stamp may state."""
 
@@ -42,6 +44,22 @@ class Spin(StrictModel):
         return times
 
 
+class OwnPoints(StrictModel):
+    """The LiDAR's own points in clouds that hold those of several LiDARs."""
+
+    field: Annotated[str, Field(min_length=1, max_length=MAX_FIELD_LENGTH)]
+    """Field of the files that tells them: `ring`, the number of a LiDAR, or any other."""
+    range: Annotated[tuple[float, ...], length(2, 2)]
+    """Its smallest and its largest value at the LiDAR's own points."""
+
+    @field_validator("range")
+    @classmethod
+    def _check_range(cls, range: tuple[float, ...]) -> tuple[float, ...]:
+        if range[0] > range[1]:
+            raise mismatch(list(range), "the smallest and the largest value, in this order")
+        return range
+
+
 class ScanPattern(NamedTuple):
     """Where the beams of a spinning LiDAR point."""
 
@@ -52,7 +70,7 @@ class ScanPattern(NamedTuple):
 
 
 class Lidar(StrictModel):
-    """The scan pattern of a LiDAR, where its rays start, how it turns, or several of these."""
+    """The scan pattern of a LiDAR, its own points, where its rays start, how it turns, or several of these."""
 
     channels: Annotated[int, Field(ge=2, le=4096)] | None = None
     """Number of beams, which is the number of rows of the range image."""
@@ -64,6 +82,8 @@ class Lidar(StrictModel):
     """Elevation of the lowest beam, in degrees, negative below the horizon."""
     origin_m: Annotated[tuple[Coordinate, ...], length(3, 3)] = (0.0, 0.0, 0.0)
     """Where the rays start, in metres, LiDAR frame. Not zero if points are in the frame of a vehicle."""
+    own_points: OwnPoints | None = None
+    """Which points of a cloud are its own, where clouds hold those of several LiDARs: others are not read."""
     spin: Spin | None = None
     """How the LiDAR turns, which gives the times of points whose files have none."""
 
@@ -78,9 +98,10 @@ class Lidar(StrictModel):
     @model_validator(mode="after")
     def _check_pattern(self) -> Lidar:
         found = [key for key in ScanPattern._fields if getattr(self, key) is not None]
-        is_enough = self.spin is not None or "origin_m" in self.model_fields_set
+        is_enough = not self.model_fields_set.isdisjoint(("origin_m", "own_points", "spin"))
         if self.pattern is None and (found or not is_enough):
-            needed = f"{', '.join(ScanPattern._fields)} together{'' if is_enough else ', origin_m, or spin'}"
+            needed = f"{', '.join(ScanPattern._fields)} together"
+            needed += "" if is_enough else ", origin_m, own_points, or spin"
             raise mismatch(" and ".join(found) or "nothing", needed)
         return self
 
@@ -89,6 +110,12 @@ class Lidar(StrictModel):
         """The scan pattern; None if it is not stated."""
         values = self.channels, self.columns, self.fov_up_deg, self.fov_down_deg
         return None if None in values else ScanPattern(*values)  # type: ignore[arg-type]
+
+    @property
+    def own_values(self) -> tuple[str, tuple[float, float]] | None:
+        """The field that tells its own points, and its smallest and largest value there; None if all are its own."""
+        own = self.own_points
+        return None if own is None else (own.field, (own.range[0], own.range[1]))
 
     def rays(self, points: Points) -> Points:
         """Compute the vectors (N, 3) from where the rays start to points (N, 3), metres."""

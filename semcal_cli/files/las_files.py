@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Container
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.input_files import size_of
 from semcal_cli.geometry.arrays import Array
 
@@ -54,26 +55,45 @@ def check_las(path: Path, file: BinaryIO, max_points: int) -> None:
         raise InputError(f"{path}: found {count:,} points, needed at most {max_points:,}: see --max-points")
 
 
-def read_las(path: Path, file: BinaryIO) -> Array:
-    """Read the points of a checked file as records."""
+def read_las(path: Path, file: BinaryIO, further: str | None = None) -> Array:
+    """Read the points of a checked file as records, with a further field of the file, which has to have it.
+
+    Raises:
+        InputError: the file holds no points, or has no such field.
+    """
     import laspy
 
     # The parallel backend aborts the process when a damaged file makes two of its threads panic.
     backend = laspy.LazBackend.Lazrs
     with laspy.open(file, read_evlrs=False, closefd=False, laz_backend=backend) as reader:
-        dimensions = set(reader.header.point_format.dimension_names)
-        fields = {
+        dimensions = list(reader.header.point_format.dimension_names)
+        sources = {
             **{axis: axis for axis in "xyz"},
-            **{a: b for a, b in FIELDS.items() if a in dimensions},
+            **{name: field for field, name in FIELDS.items() if field in dimensions},
         }
+        if further is not None:
+            sources |= _further(path, further, dimensions, sources)
         chunks = []
         for chunk in reader.chunk_iterator(CHUNK):
-            columns = {fields[name]: np.asarray(chunk[name]) for name in fields}
+            columns = {name: np.asarray(chunk[field]) for name, field in sources.items()}
             dtype = [(name, column.dtype) for name, column in columns.items()]
             chunks.append(np.rec.fromarrays(columns.values(), dtype))
     if not chunks:
         raise InputError(f"{path}: holds no points")
     return np.concatenate(chunks)
+
+
+def _further(path: Path, wanted: str, dimensions: list[str], known: Container[str]) -> dict[str, str]:
+    """Find a field, in any case, and the name of its column."""
+    if wanted.lower() in known:
+        return {}
+    for field in dimensions:
+        if field.lower() == wanted.lower():
+            return {field: field}
+    raise InputError(
+        f"{path}: found the fields {' '.join(dimensions)}, expected {describe(wanted)} among them, which "
+        "lidar.own_points states (--own-points at import)"
+    )
 
 
 def _check_packing(path: Path, file: BinaryIO, header: laspy.LasHeader) -> None:

@@ -42,8 +42,8 @@ class _Library(NamedTuple):
     extra: str
     check: Callable[[Path, BinaryIO, int], None]
     """Refuses what the library would trust, and more than a number of points."""
-    read: Callable[[Path, BinaryIO], Array]
-    """Reads the points of a checked file as records."""
+    read: Callable[[Path, BinaryIO, str | None], Array]
+    """Reads the points of a checked file as records, with one more field, if a name is given."""
 
     @contextmanager
     def refusing(self, path: Path) -> Iterator[None]:
@@ -79,11 +79,11 @@ def read_point_clouds(
     Args:
         files: Point cloud and label file of each sweep.
         max_points: Maximum number of points of a sweep, including points without a return.
-        form: Columns of `.bin` files and unit of point times, where the user states them.
+        form: Columns of `.bin` files, unit of point times, and the LiDAR's own points, where the user states them.
 
     Raises:
         InputError: a file cannot be read, is too large, is not of the format of its suffix, has other columns than
-            stated or usual, or its numbers of points and labels differ.
+            stated or usual, has no point of the LiDAR's own, or its numbers of points and labels differ.
     """
     libraries = [LIBRARIES.get(points.suffix.lower()) for points, _ in files]
     for (points, _), library in zip(files, libraries, strict=True):
@@ -95,6 +95,7 @@ def read_point_clouds(
         form.point_columns,
         int(form.point_type[1:]),
         form.seconds_per_unit,
+        form.own_points,
     )
     others = iter(read)
     return [
@@ -155,7 +156,9 @@ def _read(
     path: Path, labels: Path | None, library: _Library, max_points: int, form: PointForm
 ) -> core.PointCloud:
     with library.refusing(path), open_file(path) as file:
-        records = library.read(path, file)
+        records = library.read(path, file, None if form.own_points is None else form.own_points[0])
     contents = io.BytesIO()
     np.save(contents, records)
-    return core.parse_point_cloud(path, contents.getvalue(), labels, max_points, form.seconds_per_unit)
+    return core.parse_point_cloud(
+        path, contents.getvalue(), labels, max_points, form.seconds_per_unit, form.own_points
+    )

@@ -15,6 +15,7 @@ from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType, may_be_shares
 from semcal_cli.config.synchronization import Synchronization
 from semcal_cli.drive.document import drive_file
+from semcal_cli.drive.lidar import Lidar
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import is_folder
@@ -153,7 +154,13 @@ def read(patterns: FilePatterns) -> Recording:
     """
     camera, paired = _camera(patterns), _pair(patterns)
     first_path = paired.clouds[0]
-    form = PointForm(patterns.point_columns, patterns.point_type, patterns.time_unit)
+    lidar = None if patterns.lidar is None else Lidar.model_validate(dict(patterns.lidar))
+    form = PointForm(
+        patterns.point_columns,
+        patterns.point_type,
+        patterns.time_unit,
+        None if lidar is None else lidar.own_values,
+    )
     (first,) = read_point_clouds([(first_path, None)], patterns.max_points, form)
     columns = column_doubts(first_path, form, first, patterns.max_points)
     form, unit_remarks = _with_time_unit(form, first.time, list(paired.points_stamps_s.values()))

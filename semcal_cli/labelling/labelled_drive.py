@@ -156,6 +156,8 @@ def _prepare_folder(drive: Drive, side: LabelSide, root: Path, force: bool, by_c
     record, settings = folder / RECORD, dict(side.settings)
     if side.key == "point_labels" and drive.lidar is not None and any(drive.lidar.origin_m):
         settings["origin_m"] = list(drive.lidar.origin_m)
+    if side.key == "point_labels" and drive.lidar is not None and drive.lidar.own_points is not None:
+        settings["own_points"] = drive.lidar.own_points.model_dump(mode="json")
     if not by_content:
         # The same name may mean another file in another drive.
         sources = [getattr(frame, side.source) for frame in drive.frames]

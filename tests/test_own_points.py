@@ -1,0 +1,226 @@
+"""Clouds that hold the points of several LiDARs, of which a drive names one by a field of its files."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+import yaml
+from commands import invoke
+from conftest import Cli
+from test_folder import own_data
+from test_point_clouds import ALL, WRITERS, columns, little_cloud
+
+from semcal_cli.config.point_files import PointForm
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.files.point_clouds import SweepCache, read_point_clouds
+
+LOW_RINGS = "ring", (0.0, 31.0)
+VALUES = ("points", "intensity", "ring", "labels", "time")
+
+
+@pytest.mark.parametrize("name", [name for name, (_, fields) in WRITERS.items() if fields == ALL])
+def test_other_points_are_left_out_with_all_that_belongs_to_them(name: str, tmp_path: Path) -> None:
+    write, _ = WRITERS[name]
+    path = write(little_cloud(), tmp_path / "merged")
+    (all_points,) = read_point_clouds([(path, None)])
+    (own,) = read_point_clouds([(path, None)], form=PointForm(own_points=LOW_RINGS))
+    assert all_points.ring is not None
+    is_own = all_points.ring < 32
+    assert 0 < is_own.sum() < len(is_own)
+    for value in VALUES:
+        np.testing.assert_array_equal(getattr(own, value), getattr(all_points, value)[is_own])
+    assert own.num_no_returns == all_points.num_no_returns == 2
+    np.testing.assert_array_equal(np.flatnonzero(own.is_return), np.flatnonzero(all_points.is_return)[is_own])
+
+
+@pytest.mark.parametrize("suffix", [".label", ".npz"])
+def test_labels_in_files_have_an_entry_for_each_point_of_all_lidars(suffix: str, tmp_path: Path) -> None:
+    cloud = little_cloud()
+    path, labels = WRITERS["PCD binary"][0](cloud, tmp_path / "merged"), tmp_path / f"labels{suffix}"
+    ids = np.arange(len(cloud)) % 7
+    if suffix == ".label":
+        ids.astype("<u4").tofile(labels)
+    else:
+        np.savez(labels, np.eye(7, dtype=np.float32)[ids])
+    (own,) = read_point_clouds([(path, labels)], form=PointForm(own_points=LOW_RINGS))
+    read = own.labels if own.label_shares is None else own.label_shares.classes
+    np.testing.assert_array_equal(read, ids[own.is_return])
+
+
+def las(path: Path) -> Path:
+    cloud = laspy.create(point_format=6, file_version="1.4")
+    cloud.x, cloud.y, cloud.z = np.arange(1.0, 7.0), np.zeros(6), np.zeros(6)
+    cloud.point_source_id = np.repeat([1, 2, 3], 2)
+    cloud.write(path)
+    return path
+
+
+def table(path: Path) -> Path:
+    rows = "".join(f"{x},0,0,{1 + x // 2}\n" for x in range(1, 7))
+    path.write_text("x,y,z,scalar_Source\n" + rows)
+    return path
+
+
+def archive(path: Path) -> Path:
+    points = np.zeros((6, 3))
+    points[:, 0] = np.arange(1, 7)
+    np.savez(path, points=points, source=np.array([1, 1, 2, 2, 3, 3], np.uint8))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("path", "field"),
+    [
+        (lambda folder: las(folder / "a.las"), "Point_Source_ID"),
+        (lambda folder: las(folder / "a.laz"), "point_source_id"),
+        (lambda folder: archive(folder / "a.npz"), "source"),
+    ],
+    ids=["las", "laz", "npz"],
+)
+def test_fields_that_nothing_else_reads(path: Callable[[Path], Path], field: str, tmp_path: Path) -> None:
+    (cloud,) = read_point_clouds([(path(tmp_path), None)], form=PointForm(own_points=(field, (2.0, 3.0))))
+    np.testing.assert_array_equal(cloud.points[:, 0], [3, 4, 5, 6])
+
+
+def test_columns_of_tables_and_of_bin_files_that_are_named(tmp_path: Path) -> None:
+    form = PointForm(own_points=("source", (2.0, 2.0)))
+    (cloud,) = read_point_clouds([(table(tmp_path / "a.csv"), None)], form=form)
+    np.testing.assert_array_equal(cloud.points[:, 0], [2, 3])
+    rows = columns(little_cloud(), "x", "y", "z", "intensity", "ring")
+    rows.tofile(tmp_path / "a.bin")
+    form = PointForm(("x", "y", "z", "intensity", "lidar"), own_points=("lidar", (0.0, 31.0)))
+    (cloud,) = read_point_clouds([(tmp_path / "a.bin", None)], form=form)
+    is_own = rows[:, :3].any(axis=1) & (rows[:, 4] < 32)
+    np.testing.assert_array_equal(cloud.points, rows[is_own, :3])
+
+
+def test_two_lidars_of_one_file_are_kept_apart(tmp_path: Path) -> None:
+    path, sweeps = WRITERS["NPY records"][0](little_cloud(), tmp_path / "merged"), SweepCache()
+    forms = [PointForm(own_points=("ring", ends)) for ends in ((0.0, 31.0), (32.0, 63.0))]
+    first, second = (sweeps.read([(path, None)], form=form)[0] for form in forms)
+    assert len(first.points) + len(second.points) == 38
+
+
+KEY = "which lidar.own_points states (--own-points at import)"
+
+
+@pytest.mark.parametrize(
+    ("name", "own", "complaint"),
+    [
+        (
+            "PLY binary",
+            ("sensor", (0, 1)),
+            f"found the fields x y z intensity ring label time, expected 'sensor' among them, {KEY}",
+        ),
+        (
+            "KITTI .bin",
+            ("ring", (0, 1)),
+            f"found the fields x y z intensity, expected 'ring' among them, {KEY}: point_columns "
+            "(--point-columns) names the columns of a .bin",
+        ),
+        (
+            "NPY N x 4",
+            ("ring", (0, 1)),
+            f"found the fields x y z intensity, expected 'ring' among them, {KEY}",
+        ),
+        ("LAS 1.2", ("ring", (0, 1)), "return_number"),
+        ("LAS 1.2", ("ring", (0, 1)), f"point_source_id gps_time, expected 'ring' among them, {KEY}"),
+        (
+            "PCD ascii",
+            ("ring", (90, 99.5)),
+            "found no point whose 'ring' is from 90 to 99.5, as lidar.own_points states (--own-points at import), "
+            "but values from 0 to 6",
+        ),
+    ],
+)
+def test_files_that_do_not_tell_are_refused(
+    name: str, own: tuple[str, tuple[float, float]], complaint: str, tmp_path: Path
+) -> None:
+    path = WRITERS[name][0](little_cloud(), tmp_path / "merged")
+    with pytest.raises(InputError, match=re.escape(path.name) + ".*" + re.escape(complaint)):
+        read_point_clouds([(path, None)], form=PointForm(own_points=own))
+
+
+@pytest.mark.parametrize(
+    ("own_points", "complaint"),
+    [
+        ({"field": "ring"}, "own_points.range: found nothing, expected"),
+        (
+            {"field": "ring", "range": [3, 1]},
+            "own_points.range: found [3.0, 1.0], expected the smallest and the",
+        ),
+        ({"field": "", "range": [0, 1]}, "own_points.field: found ''"),
+        ({"ring": [0, 1]}, "own_points: unknown key 'ring'"),
+    ],
+)
+def test_statements_that_make_no_sense(own_points: object, complaint: str, drive: Path) -> None:
+    document = yaml.safe_load((drive / "drive.yaml").read_text()) | {"lidar": {"own_points": own_points}}
+    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match=re.escape(complaint)):
+        read_drive(drive)
+
+
+def test_arrays_have_no_fields(drive: Path) -> None:
+    own = {"own_points": {"field": "ring", "range": [0, 1]}}
+    with pytest.raises(
+        InputError, match=r"^arrays: lidar.own_points: found 'ring', expected none: arrays have"
+    ):
+        Drive.from_arrays(points=[np.ones((3, 3))], camera=read_drive(drive).camera, lidar=own)
+
+
+def merged(drive: Path) -> Path:
+    """A drive whose clouds hold the points of another LiDAR, too, which are wrong, with labels of the wrong class."""
+    document = yaml.safe_load((drive / "drive.yaml").read_text())
+    for frame in document["frames"]:
+        path, labels = drive / frame["points"], drive / frame["point_labels"]
+        rows = np.fromfile(path, "<f4").reshape(-1, 4)
+        wrong = rows[:, [2, 1, 0, 3]] + np.float32(0.5)
+        numbers = np.repeat([1.0, 2.0], len(rows))[:, None]
+        np.hstack([np.vstack([rows, wrong]), numbers]).astype("<f4").tofile(path)
+        np.tile(np.fromfile(labels, "<u4"), 2).tofile(labels)
+    document |= {
+        "point_columns": ["x", "y", "z", "intensity", "lidar"],
+        "lidar": {"own_points": {"field": "lidar", "range": [1, 1]}},
+    }
+    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    return drive
+
+
+def test_a_camera_is_calibrated_against_one_lidar_of_several(
+    street: Path, drive: Path, tmp_path: Path
+) -> None:
+    def result(path: Path) -> object:
+        output = tmp_path / "result.yaml"
+        run = invoke("initialize", path, "-o", output)
+        assert run.exit_code in (0, 3), run.output
+        return yaml.safe_load(output.read_text())["T_camera_lidar"]
+
+    document = yaml.safe_load((drive / "drive.yaml").read_text())
+    (drive / "drive.yaml").write_text(yaml.safe_dump({k: v for k, v in document.items() if k != "lidar"}))
+    expected = result(drive)
+    assert result(merged(drive)) == expected
+    shown = invoke("inspect", drive, "--json")
+    alone = invoke("inspect", street, "--json")
+    assert [frame["num_points"] for frame in yaml.safe_load(shown.stdout)["frames"]] == [
+        frame["num_points"] for frame in yaml.safe_load(alone.stdout)["frames"]
+    ]
+
+
+def test_an_import_keeps_what_is_stated(tmp_path: Path, cli: Cli) -> None:
+    arguments = ["import", "folder", *own_data(tmp_path / "own"), "-o", tmp_path / "drive", "--force"]
+    code, *_ = cli(*arguments, "--own-points", "intensity=-1e9:1e9", "--origin", 1.38, 0, 1.63)
+    assert code == 0
+    assert yaml.safe_load((tmp_path / "drive/drive.yaml").read_text())["lidar"] == {
+        "origin_m": [1.38, 0.0, 1.63],
+        "own_points": {"field": "intensity", "range": [-1e9, 1e9]},
+    }
+    code, _, said = cli(*arguments, "--own-points", "ring=2")
+    assert (code, said.count("\n")) == (1, 1)
+    assert "clouds/000002.bin: found the fields x y z intensity, expected 'ring' among them" in said
+    code, _, said = cli(*arguments, "--own-points", "ring")
+    assert code == 2
+    assert "found 'ring', expected FIELD=FIRST[:LAST], such as ring=0:31." in said
