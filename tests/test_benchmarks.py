@@ -62,6 +62,7 @@ RUNS = {
     "intrinsics.py DATA --halves --synthetic 1 --cue labels": 2,
     "confident_and_wrong.py DATA --only mirrored --synthetic 1 --cue labels": 1,
     "ray_origin.py DATA --only 'KITTI object'": 2,
+    "ray_origin.py DATA --only TAMU --quarters": 4,
     "verify.py DATA --only nothing --by-other --synthetic 1": 5,
     "skewed_intrinsics.py DATA --starts 1 --only jam --errors right": 2,
     "spin.py DATA --starts 1 --only 'right camera, as recorded'": 1,

@@ -3,6 +3,10 @@
 Seen from where its rays start, a sweep is a range image: neighbouring rays mostly end on one surface. Seen from
 elsewhere, near and far surfaces lie behind one another, and ranges of neighbours jump. The mean jump has one broad
 minimum (tests/benchmarks/ray_origin.py).
+
+One place stands for all points. Where a cloud holds the points of several LiDARs, its parts do not tell: places that
+are found in quarters of sweeps of one LiDAR are up to metres apart (`--quarters` of the same script), as far as those
+of DDAD's four. Along the view of a quarter, a place hardly changes the ranges of neighbours.
 """
 
 from __future__ import annotations
