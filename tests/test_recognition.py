@@ -11,6 +11,7 @@ from commands import invoke
 from conftest import Cli
 from dataset_trees import TREES, own_data
 
+from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES
 from semcal_cli.importing.recognition import recognise
 
 
@@ -177,3 +178,66 @@ def test_a_pattern_that_the_shell_expanded_is_told(tmp_path: Path, cli: Cli) -> 
     )
     assert code == 2
     assert "Quote it: --points 'data/*.bin'." in err
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "kind"),
+    [
+        ("a.e57", b"ASTM-E57", "a point cloud"),
+        ("A.PCD", b"VERSION .7\n", "a point cloud"),
+        ("a.las", b"LASF", "a point cloud"),
+        ("a.pcd.bin", bytes(20), "a point cloud"),
+        ("a.npy", b"\x93NUMPY", "an array"),
+        ("a.label", bytes(4), "point labels"),
+        ("a.png", b"\x89PNG", "an image"),
+        ("a.jpg", b"\xff\xd8\xff", "an image"),
+        ("a.tif", b"II*\0", "a file that is not text"),
+    ],
+)
+def test_a_file_of_data_is_no_drive(name: str, content: bytes, kind: str, tmp_path: Path, cli: Cli) -> None:
+    (tmp_path / name).write_bytes(content)
+    code, out, err = cli("inspect", tmp_path / name)
+    assert (code, out) == (1, "")
+    assert err == (
+        f"semcal: error: {tmp_path / name}: found {kind}, expected a drive.yaml or its folder; `semcal import folder "
+        "--points GLOB --images GLOB --camera-info FILE -o my_drive` makes one of clouds and images\n"
+    )
+
+
+WITH_DRIVES = """
+accumulate {} -o {out}
+audit {} {calibration} -o {page}
+base {}
+batch {} -o {out}
+calibrate {}
+export colmap {} {calibration} -o {out}.json
+export mcap {} {calibration} -o {out}.mcap
+export nerfstudio {} {calibration} -o {out}.json
+export ply {} {calibration} -o {out}
+export rerun {} -o {out}.rrd
+experiment table {} -o {out}
+initialize {}
+inspect {} --find-origin
+label {} --points segments -o {out}
+merge {} {} -o {out}
+odometry {} -o {out}
+overlay {} {calibration} -o {out}
+refine {} --init {calibration}
+report {} {calibration} -o {page}
+verify {} {calibration}
+view {} {calibration}
+"""
+
+
+@pytest.mark.parametrize("command", WITH_DRIVES.strip().splitlines())
+def test_every_command_refuses_a_cloud_in_the_place_of_a_drive(
+    command: str, tmp_path: Path, cli: Cli
+) -> None:
+    cloud, calibration = tmp_path / "clouds/a.pcd", tmp_path / "T.yaml"
+    cloud.parent.mkdir()
+    cloud.write_bytes(b"VERSION .7\n" + bytes(MAX_DOCUMENT_BYTES))
+    calibration.write_text("T_camera_lidar: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]")
+    names = {"calibration": calibration, "out": tmp_path / "out", "page": tmp_path / "page.html"}
+    _, out, err = cli(*command.format(cloud, cloud, **names).split())
+    told = " ".join((out + err).split())
+    assert f"{cloud}: found a point cloud, expected a drive.yaml or its folder; `semcal import folder" in told

@@ -209,6 +209,7 @@ def colmap(settings: ColmapSettings) -> None:
     """Write a rig_config.json."""
     from semcal_cli.cli.output_checks import check_outputs
     from semcal_cli.cli.tables import wrapped
+    from semcal_cli.drive.document import read_drive
     from semcal_cli.files.output_files import check_suffix, write_bytes
     from semcal_cli.formats.colmap import RigCamera, rig_config
     from semcal_cli.many.rig.rig_document import find_rig
@@ -217,6 +218,7 @@ def colmap(settings: ColmapSettings) -> None:
     check_suffix(settings.output, ".json")
     rig, terminal = find_rig(settings.drive), settings.terminal()
     if rig is None:
+        read_drive(settings.drive, settings.max_points)
         raise InputError(
             f"{settings.drive}: found a drive, expected a rig.yaml, whose cameras are a rig of COLMAP"
         )

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model
 from typing_extensions import Unpack
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.data_suffixes import kind_of_data
 from semcal_cli.config.point_files import (
     MAX_UNIT_S,
     SECONDS_PER_UNIT,
@@ -29,11 +30,11 @@ from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.lidar import Lidar
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.drive.stated_motion import Motion
-from semcal_cli.errors import InputError, MisplacedError, describe, mismatch
+from semcal_cli.errors import InputError, MisplacedError, describe, mismatch, shell
 from semcal_cli.files.array_forms import SweepCloud
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import FORMATS, read_document
 from semcal_cli.files.image_levels import ImageLevels
-from semcal_cli.files.input_files import is_folder
+from semcal_cli.files.input_files import is_folder, read_start
 from semcal_cli.files.validation import (
     RigidTransform,
     StrictModel,
@@ -58,6 +59,12 @@ RIG_FOUND = (
 EXAMPLE_RIG = f"{{{RIG}: 1, cameras: {{left: left_drive, right: right_drive}}}}"
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
 """Version keys of files with a transform, found in place of a drive if arguments are in the wrong order."""
+IMPORT = shell(
+    *("import", "folder", "--points", "GLOB", "--images", "GLOB", "--camera-info", "FILE", "-o", "my_drive")
+)
+"""Command that makes a drive of clouds and images."""
+START_BYTES = 1024
+"""Bytes at the start of a file among which a text has no zero."""
 DEFAULT_CLOCK_SIGMA_S = 0.02
 """Standard deviation of the clock of a camera without a trigger, in seconds."""
 MAX_OFFSET_S = 1.0
@@ -306,6 +313,7 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     file = drive_file(path)
     if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
         raise InputError(f"{path / RIG_FILE}: {RIG_FOUND}")
+    _check_no_data(file)
     document = read_document(file)
     if RIG in document:
         raise InputError(f"{file}: {RIG_FOUND}")
@@ -317,6 +325,19 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     drive._path, drive._max_points = file, max_points
     drive._image_levels = ImageLevels([drive.resolve(frame.image) for frame in drive.frames if frame.image])
     return drive
+
+
+def _check_no_data(file: Path) -> None:
+    """Refuse a file of data, such as a point cloud, that is given in the place of a drive."""
+    is_binary = b"\0" in read_start(file, START_BYTES)
+    kind = kind_of_data(file)
+    if kind is None and is_binary and file.suffix.lower() not in FORMATS:
+        kind = "a file that is not text"
+    if kind is not None:
+        needed = f"a {DRIVE_FILE} or its folder"
+        raise InputError(
+            f"{file}: found {kind}, expected {needed}; `{IMPORT}` makes one of clouds and images"
+        )
 
 
 def output_drive_file(output: Path) -> Path:

@@ -134,7 +134,8 @@ def _read_xml(path: Path, file: BinaryIO) -> bytes:
         )
     if page_bytes != PAGE_BYTES or place + length > size:
         raise InputError(
-            f"{path}: promises XML of {length} bytes at byte {place} of {size}, in pages of {page_bytes}"
+            f"{path}: promises XML of {length:,} bytes at byte {place:,} of {size:,}, in pages of {page_bytes:,}: "
+            "it is damaged"
         )
     check_size(path, length, MAX_DOCUMENT_BYTES, " of XML")
     first, skipped = divmod(place, PAGE_BYTES)
@@ -175,4 +176,6 @@ def _check_xml(path: Path, content: bytes) -> None:
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
-        raise InputError(f"{path}: line {error.lineno} of its XML is not well-formed") from None
+        raise InputError(
+            f"{path}: line {error.lineno} of its XML is not well-formed: it is damaged"
+        ) from None

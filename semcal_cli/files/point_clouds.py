@@ -47,7 +47,10 @@ class _Library(NamedTuple):
 
     @contextmanager
     def refusing(self, path: Path) -> Iterator[None]:
-        """Refuse a file for which the library lets through errors of struct, NumPy, lazrs or C++, or panics."""
+        """Refuse a file for which the library lets through errors of struct, NumPy, lazrs or C++, or panics.
+
+        Their words are for programmers, who find them in the cause of the error.
+        """
         try:
             yield
         except InputError:
@@ -55,9 +58,8 @@ class _Library(NamedTuple):
         except BaseException as error:
             if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
                 raise
-            # libE57 adds lines of where it failed.
-            reason = " ".join(f"{type(error).__name__}: {error}".partition("\n\n")[0].split())
-            raise InputError(f"{path}: is not a readable {self.format} file: {reason}") from None
+            problem = f"it is damaged, or in a form that {self.package} does not read"
+            raise InputError(f"{path}: is not a readable {self.format} file: {problem}") from error
 
 
 LAS = _Library("LAS", "laspy", "las", check_las, read_las)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from semcal_cli.config.data_suffixes import stem
 from semcal_cli.errors import InputError, counted
 from semcal_cli.formats.node import MAX_STAMP_S
-from semcal_cli.importing.suffixes import stem
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
 SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")

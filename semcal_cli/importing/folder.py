@@ -11,6 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.data_suffixes import (
+    CLOUD_SUFFIXES,
+    IMAGE_LABEL_SUFFIXES,
+    IMAGE_SUFFIXES,
+    POINT_LABEL_SUFFIXES,
+    stem,
+)
 from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType, may_be_shares
 from semcal_cli.config.synchronization import Synchronization
@@ -32,13 +39,6 @@ from semcal_cli.importing.bin_columns import column_doubts
 from semcal_cli.importing.body_frames import body_frame_doubts
 from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
 from semcal_cli.importing.recording import Recording, SourceFrame
-from semcal_cli.importing.suffixes import (
-    CLOUD_SUFFIXES,
-    IMAGE_LABEL_SUFFIXES,
-    IMAGE_SUFFIXES,
-    POINT_LABEL_SUFFIXES,
-    stem,
-)
 from semcal_cli.observations.point_times import deduced_unit
 
 SUFFIXES = {

@@ -8,12 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from semcal_cli.config.data_suffixes import CLOUD_SUFFIXES, IMAGE_SUFFIXES
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import counted, shell
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.importing import DATASETS, Dataset
 from semcal_cli.importing.bags.recording_files import METADATA, SUFFIXES, is_recording
-from semcal_cli.importing.suffixes import CLOUD_SUFFIXES, IMAGE_SUFFIXES
 
 BAG, DRIVES, FOLDER = "bag", "drives", "folder"
 MAX_ABOVE = 2

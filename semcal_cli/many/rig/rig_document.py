@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.data_suffixes import kind_of_data
 from semcal_cli.config.file_limits import MAX_CAMERAS
 from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import describe, mismatch, one_of
@@ -277,7 +278,7 @@ def find_rig(path: Path) -> Rig | None:
         path: A file, or a folder with a rig.yaml and no drive.yaml.
 
     Returns:
-        The rig; None if the path names a drive, a recording or a data set.
+        The rig; None if the path names a drive, a recording, a data set or a file of data.
 
     Raises:
         InputError: the file does not exist or is wrong.
@@ -285,8 +286,8 @@ def find_rig(path: Path) -> Rig | None:
     if is_folder(path):
         file = path / RIG_FILE
         return read_rig(file) if file.exists() and not (path / DRIVE_FILE).exists() else None
-    # A recording is not read, and a file without the key is not parsed, which would take time for a long drive.
-    if recognise(path) is not None or RIG.encode() not in read_bytes(path):
+    # Data are not read, and a file without the key is not parsed, which would take time for a long drive.
+    if kind_of_data(path) is not None or recognise(path) is not None or RIG.encode() not in read_bytes(path):
         return None
     document = read_document(path)
     return _rig_of(document, path) if RIG in document else None

@@ -8,9 +8,22 @@ CLOUD_SUFFIXES = (
 POINT_LABEL_SUFFIXES = (".label", ".bin", ".npy", ".npz")
 IMAGE_LABEL_SUFFIXES = (".png", ".npy", ".npz")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
+_KINDS = {
+    "an array": (".npy", ".npz"),
+    "a point cloud": CLOUD_SUFFIXES,
+    "an image": IMAGE_SUFFIXES,
+    "point labels": (".label",),
+}
+"""Kinds of data by their suffixes; the first that has one counts."""
 
 
 def stem(path: Path) -> str:
     """Remove the suffix from a file's name; `.pcd.bin` counts as one suffix."""
     suffix = next((suffix for suffix in CLOUD_SUFFIXES if path.name.endswith(suffix)), path.suffix)
     return path.name.removesuffix(suffix)
+
+
+def kind_of_data(path: Path) -> str | None:
+    """Describe the data that a file holds by its suffix; None if it is no data file."""
+    name = path.name.lower()
+    return next((kind for kind, suffixes in _KINDS.items() if name.endswith(suffixes)), None)
