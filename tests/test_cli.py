@@ -50,16 +50,17 @@ def test_an_image_of_three_pixels_is_too_small(street: Path, tmp_path: Path, cli
     assert err.endswith("drive.yaml: camera: found 640 x 3 pixels, needed at least 4 x 4\n")
 
 
-def test_a_start_that_looks_away_is_no_overlap(street: Path, tmp_path: Path, cli: Cli) -> None:
+@pytest.mark.parametrize("cue", ["labels", "edges"])
+def test_a_start_that_looks_away_is_no_overlap(cue: str, street: Path, tmp_path: Path, cli: Cli) -> None:
+    """Whoever compares edges knows no classes."""
     with edited(street, tmp_path) as document:
         # The camera looks along the LiDAR's z axis, into the sky.
         document["T_camera_lidar"] = np.eye(4).tolist()
-    code, _, err = cli("calibrate", street, "--init", tmp_path, "-o", tmp_path / "out.yaml", "-q")
+    output = tmp_path / "out.yaml"
+    code, _, err = cli("calibrate", street, "--cue", cue, "--init", tmp_path, "-o", output, "-q")
     assert code == EXIT_FAILURE
-    assert re.fullmatch(
-        r"semcal: error: .*drive.yaml: no overlap: 0 of \d+ points land on pixels with classes, needed 100\n",
-        err,
-    )
+    needed = "points land on pixels that can be compared with them, needed 100"
+    assert re.fullmatch(rf"semcal: error: .*drive.yaml: no overlap: 0 of \d+ {needed}\n", err)
     assert not (tmp_path / "out.yaml").exists()
 
 

@@ -98,7 +98,9 @@ def test_disjoint_ids_carry_the_same_information(
 @pytest.mark.parametrize("estimator", ["exact", "mine"])
 def test_a_camera_that_looks_away_has_no_overlap(street_observations: Observations, estimator: str) -> None:
     looking_up = np.eye(4)  # The camera's z axis along the LiDAR's: into the sky.
-    with pytest.raises(CalibrationError, match=r"no overlap: 0 of \d+ points land on pixels with classes"):
+    with pytest.raises(
+        CalibrationError, match=r"no overlap: 0 of \d+ points land on pixels that can be compared with them, "
+    ):
         refine_pose(
             street_observations, looking_up, make_optimizer(estimator, street_observations), PyramidConfig()
         )

@@ -96,7 +96,9 @@ class LabelledPoints:
         # has left the labelled pixels has no weight.
         y, weights = shares.float().to(self.device), torch.from_numpy(batch.weights).float().to(self.device)
         if not weights.sum() > 0.0:
-            raise CalibrationError("no overlap: the refinement left no labelled point on a labelled pixel")
+            raise CalibrationError(
+                "no overlap: the refinement left no point on a pixel that can be compared with it"
+            )
         weights = weights / weights.sum()
         statistics = self.network(y)
         # The marginal of x is a sum over all classes, weighted by their frequency.

@@ -176,7 +176,7 @@ def _plug_in(x: Tensor, y: Tensor) -> Tensor:
     # The shares of a pixel without a class are zeros, so that a pair weighs as much as its labelled part.
     joint = x.T @ y
     if not joint.sum() > 0.0:
-        raise CalibrationError("no overlap: no labelled point lands on a labelled pixel")
+        raise CalibrationError("no overlap: no point lands on a pixel that can be compared with it")
     joint = joint / joint.sum()
     independent = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
     is_observed = joint > 0.0

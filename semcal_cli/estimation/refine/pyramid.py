@@ -95,7 +95,7 @@ def refine_pose(
         The pose after the finest level, with all levels.
 
     Raises:
-        CalibrationError: too few points land on pixels with classes.
+        CalibrationError: too few points land on pixels that they can be compared with.
     """
     factors = pyramid_factors(observations.camera, config)
     block_deg = math.degrees(1.0 / core_camera(observations.camera).pixels_per_radian)
@@ -109,8 +109,8 @@ def refine_pose(
             total = sum(int((cloud.classes != NO_CLASS).sum()) for cloud in observations.clouds)
             problem = "too few points" if total < config.min_points else "no overlap"
             raise CalibrationError(
-                f"{problem}: {level.num_points} of {total} points land on pixels with classes, "
-                f"needed {config.min_points}"
+                f"{problem}: {level.num_points} of {total} points land on pixels that can be compared with "
+                f"them, needed {config.min_points}"
             )
         levels.append(level)
         pose = clamp(level.T_camera_lidar)
