@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from conftest import make_pose
 
-from semcal_cli.checks.scale import check_scale, judge_scale
+from semcal_cli.checks.scale import Measures, check_ranges, check_scale, judge_scale
+from semcal_cli.drive.lidar import Lidar
 from semcal_cli.observations.observations import Observations
 
 
@@ -46,7 +47,7 @@ def test_without_names_only_ranges_tell(street_observations: Observations) -> No
 
 
 def test_a_sensor_on_a_mast() -> None:
-    (note,) = judge_scale(20.0, [8.9, 9.0, 9.2], {"cars": np.full(20, 1.5)})
+    (note,) = judge_scale(Measures(20.0, [8.9, 9.0, 9.2], {"cars": np.full(20, 1.5)}))
     assert note == (
         "clouds may not be in metres: the sensor's height above the ground is 9 m, usually 0.1 to 5"
     )
@@ -54,9 +55,31 @@ def test_a_sensor_on_a_mast() -> None:
 
 def test_cars_and_people_speak_together() -> None:
     high, low = np.full(9, 1.55 * 1.2), np.full(9, 1.72 / 1.2)
-    assert judge_scale(9.0, [1.8], {"cars": high, "people": low}) == []
-    (note,) = judge_scale(9.0, [1.8], {"cars": high, "people": np.full(9, 1.72 * 1.2)})
+    assert judge_scale(Measures(9.0, [1.8], {"cars": high, "people": low})) == []
+    (note,) = judge_scale(Measures(9.0, [1.8], {"cars": high, "people": np.full(9, 1.72 * 1.2)}))
     assert note == (
         "clouds may not be in metres, because sizes are 1.20 times the usual ones: cars are 1.86 m high (median of 9), "
         "usually 1.55; people are 2.06 m high (median of 9), usually 1.72"
     )
+
+
+STATED = "`origin_m: [0.00, 0.00, 100.00]` under `lidar:` may be wrong: seen from there, "
+AS_USUAL = "and seen from the origin of the points, all is as usual: edges, segments and occlusion need the true place"
+
+
+def test_a_stated_origin_far_away_is_named_and_not_the_unit(street_observations: Observations) -> None:
+    stated = replace(street_observations, lidar=Lidar(origin_m=(0.0, 0.0, 100.0)))
+    (note,) = check_scale(stated)
+    assert note.startswith(f"{STATED}the sensor's height above the ground is ")
+    assert note.endswith(AS_USUAL)
+    (note,) = check_scale(scaled(stated, 1000.0))
+    assert note.startswith("clouds may not be in metres, but in millimetres: ")
+
+
+def test_without_labels_ranges_tell_a_stated_origin_far_away(street_observations: Observations) -> None:
+    points = [cloud.points for cloud in street_observations.clouds]
+    origin_m = (0.0, 0.0, 100.0)
+    (note,) = check_ranges([of_one - np.array(origin_m, np.float32) for of_one in points], origin_m)
+    assert note.startswith(f"{STATED}half of the points are within 10")
+    assert note.endswith(AS_USUAL)
+    assert check_ranges(points) == []

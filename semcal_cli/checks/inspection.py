@@ -21,7 +21,7 @@ from semcal_cli.checks.mirrored_clouds import check_mirroring
 from semcal_cli.checks.motion_report import MotionReport, report_motion
 from semcal_cli.checks.motion_unstated import check_unstated
 from semcal_cli.checks.narrow_view import check_view
-from semcal_cli.checks.scale import check_range, check_scale, judge_scale
+from semcal_cli.checks.scale import check_range, check_ranges, check_scale
 from semcal_cli.checks.seam import check_seam
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.stamp_gap import check_gap
@@ -199,7 +199,7 @@ def _suspicions_of_frames(
 ) -> list[str]:
     observations = probe.observations
     return [
-        *_check_scale(probe.median_range_m, observations),
+        *_check_scale(probe),
         *_sentences(check_class_names(*_class_names(frames))),
         *motion.suspicions,
         *_check_times(probe.drive, probe.clouds),
@@ -331,10 +331,13 @@ def _check_masks(drive: Drive) -> tuple[tuple[float, float] | None, list[str]]:
     return None if errors else (min(shares), max(shares)), [*errors]
 
 
-def _check_scale(median_m: float, few: Observations | None) -> list[str]:
-    if far := check_range(median_m):
+def _check_scale(probe: _Probe) -> list[str]:
+    if far := check_range(probe.median_range_m):
         return _sentences(far)
-    return judge_scale(median_m) if few is None else check_scale(few)
+    if probe.observations is not None:
+        return check_scale(probe.observations)
+    lidar = probe.drive.lidar
+    return check_ranges(probe.points) if lidar is None else check_ranges(probe.points, lidar.origin_m)
 
 
 def _check_times(drive: Drive, clouds: Sequence[SweepCloud]) -> list[str]:

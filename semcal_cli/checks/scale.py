@@ -7,15 +7,19 @@ it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
+from semcal_cli.checks.wrong_origin import WRONG_ORIGIN
+from semcal_cli.estimation.search.ray_origin import place_text
 from semcal_cli.findings.check import Check, Limit
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.arrays import Numbers, Vectors
+from semcal_cli.geometry.arrays import Numbers, Points, Vectors
 from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.observations.observations import LabelledCloud, Observations
 
@@ -122,11 +126,10 @@ def check_scale(observations: Observations) -> list[str]:
         observations: Vectors with classes; the names of the classes tell what is ground, a car or a person.
 
     Returns:
-        A sentence if the clouds may not be in metres.
+        A sentence if the clouds may not be in metres, or if the stated place of the rays makes it look so.
     """
     few = evenly_spaced(range(observations.num_frames), NUM_FRAMES)
     clouds = [observations.clouds[index] for index in few]
-    clouds = [cloud.with_points(observations.rays(cloud.points)) for cloud in clouds]
     plain = [
         name.strip().lower().replace(" ", "_").replace("-", "_") for name in observations.point_class_names
     ]
@@ -134,6 +137,80 @@ def check_scale(observations: Observations) -> list[str]:
         kind: [index for index, name in enumerate(plain) if name in names.split()]
         for kind, names in NAMES.items()
     }
+    rays = [cloud.with_points(observations.rays(cloud.points)) for cloud in clouds]
+    return _judge(_measures(rays, classes), observations.origin_m, lambda: _measures(clouds, classes))
+
+
+def check_ranges(rays: Sequence[Points], origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> list[str]:
+    """Compare ranges alone with what is usual, as `check_scale` does.
+
+    Args:
+        rays: Vectors (N, 3) of each sweep from the stated place of the rays to the points, metres.
+        origin_m: That place (3,), metres, LiDAR frame.
+    """
+    return _judge(
+        Measures(_median_range_m(rays)),
+        origin_m,
+        lambda: Measures(_median_range_m([of_one + np.asarray(origin_m, np.float32) for of_one in rays])),
+    )
+
+
+def _judge(measures: Measures, origin_m: Sequence[float], from_zero: Callable[[], Measures]) -> list[str]:
+    """Blame the stated place of the rays, from which `measures` are, where those from the points' origin are usual."""
+    note, unusual = judge_scale(measures), measures.unusual
+    if not (note and any(origin_m)) or judge_scale(from_zero()):
+        return note
+    stated = f"`origin_m: {place_text(np.array(origin_m))}` under `lidar:` may be wrong"
+    seen = f"seen from there, {'; '.join(unusual)}, and seen from the origin of the points, all is as usual"
+    return [WRONG_ORIGIN.finding(f"{stated}: {seen}").sentence]
+
+
+def judge_scale(measures: Measures) -> list[str]:
+    """Judge the measures of a drive, which are in metres if the clouds are."""
+    if not (unusual := measures.unusual):
+        return []
+    return [CLOUD_UNIT.finding(f"clouds may not be in metres{measures.as_if}: {'; '.join(unusual)}").sentence]
+
+
+class Measures(NamedTuple):
+    """What is measured of a drive, in the unit of its clouds."""
+
+    range_m: float
+    """Median range of the points."""
+    sensors_m: Sequence[float] = ()
+    """Heights of the sensor above the ground."""
+    heights_m: Mapping[str, Numbers] = MappingProxyType({})
+    """Heights of the things of each kind."""
+
+    @property
+    def as_if(self) -> str:
+        """The unit that sizes suggest, or their ratio to the usual ones; empty if they are as usual."""
+        if (ratio := _ratio(self.heights_m)) is None:
+            return ""
+        unit, scale = min(UNITS.items(), key=lambda item: abs(math.log(ratio / item[1])))
+        is_unit = abs(math.log(ratio / scale)) < NEAR_UNIT
+        return f", but in {unit}" if is_unit else f", because sizes are {ratio:.2f} times the usual ones"
+
+    @property
+    def unusual(self) -> list[str]:
+        """The measures that are not as usual, each with what is."""
+        unusual = list[str]()
+        if _ratio(self.heights_m) is not None:
+            unusual = [
+                f"{kind} are {np.median(heights):.3g} m high (median of {len(heights)}), usually {HEIGHTS_M[kind]:g}"
+                for kind, heights in self.heights_m.items()
+            ]
+        measures = [("half of the points are within", self.range_m, RANGES_M)]
+        if self.sensors_m:
+            height_m = float(np.median(self.sensors_m))
+            measures.insert(0, ("the sensor's height above the ground is", height_m, SENSOR_HEIGHTS_M))
+        for what, value_m, (low, high) in measures:
+            if not low <= value_m <= high:
+                unusual.append(f"{what} {value_m:,.3g} m, usually {low:g} to {high:g}")
+        return unusual
+
+
+def _measures(clouds: Sequence[LabelledCloud], classes: Mapping[str, Sequence[int]]) -> Measures:
     measured = [heights for cloud in clouds if (heights := _measure(cloud, classes)) is not None]
     heights_by_kind = {
         kind: [height for _, heights in measured for height in heights[kind]] for kind in HEIGHTS_M
@@ -141,40 +218,13 @@ def check_scale(observations: Observations) -> list[str]:
     heights_m = {
         kind: np.array(values) for kind, values in heights_by_kind.items() if len(values) >= MIN_THINGS
     }
-    median_m = float(np.median(np.concatenate([np.linalg.norm(cloud.points, axis=1) for cloud in clouds])))
-    return judge_scale(median_m, [sensor_m for sensor_m, _ in measured], heights_m)
+    return Measures(
+        _median_range_m([cloud.points for cloud in clouds]), [sensor_m for sensor_m, _ in measured], heights_m
+    )
 
 
-def judge_scale(
-    range_m: float, sensors_m: Sequence[float] = (), heights_m: Mapping[str, Numbers] | None = None
-) -> list[str]:
-    """Judge the measures of a drive, which are in metres if the clouds are.
-
-    Args:
-        range_m: Median range of the points.
-        sensors_m: Heights of the sensor above the ground.
-        heights_m: Heights of the things of each kind.
-    """
-    heights_m = heights_m or {}
-    ratio, unusual, as_if = _ratio(heights_m), list[str](), ""
-    if ratio is not None:
-        unusual = [
-            f"{kind} are {np.median(heights):.3g} m high (median of {len(heights)}), usually {HEIGHTS_M[kind]:g}"
-            for kind, heights in heights_m.items()
-        ]
-        unit, scale = min(UNITS.items(), key=lambda item: abs(math.log(ratio / item[1])))
-        is_unit = abs(math.log(ratio / scale)) < NEAR_UNIT
-        as_if = f", but in {unit}" if is_unit else f", because sizes are {ratio:.2f} times the usual ones"
-    measures = [("half of the points are within", range_m, RANGES_M)]
-    if sensors_m:
-        height_m = float(np.median(sensors_m))
-        measures.insert(0, ("the sensor's height above the ground is", height_m, SENSOR_HEIGHTS_M))
-    for what, value_m, (low, high) in measures:
-        if not low <= value_m <= high:
-            unusual.append(f"{what} {value_m:,.3g} m, usually {low:g} to {high:g}")
-    if not unusual:
-        return []
-    return [CLOUD_UNIT.finding(f"clouds may not be in metres{as_if}: {'; '.join(unusual)}").sentence]
+def _median_range_m(rays: Sequence[Points]) -> float:
+    return float(np.median(np.concatenate([np.linalg.norm(of_one, axis=1) for of_one in rays])))
 
 
 def _ratio(heights_m: Mapping[str, Numbers]) -> float | None:

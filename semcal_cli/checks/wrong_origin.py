@@ -34,6 +34,11 @@ WRONG_ORIGIN = Check(
                 "away: the rays seem to start farther away, or the columns of the files are mixed up "
                 "(`point_columns`): edges, segments and occlusion need the true place"
             ),
+            (
+                "`origin_m: [0.00, 0.00, 100.00]` under `lidar:` may be wrong: seen from there, half of the points are "
+                "within 102 m, usually 0.5 to 100, and seen from the origin of the points, all is as usual: edges, "
+                "segments and occlusion need the true place"
+            ),
         ),
         meaning="Seen from the stated place, near surfaces lie behind far ones, and what looks like an edge is none.",
         cause="Points are in the frame of the vehicle, as those of DDAD and Argoverse 2, or columns are swapped.",
