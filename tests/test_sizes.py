@@ -160,6 +160,27 @@ def test_a_jpeg_of_too_many_parts(more: bytes, told: str, tmp_path: Path) -> Non
 # Sweeps.
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_damaged_png_is_refused_without_words_of_libpng(
+    seed: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    generator = np.random.default_rng(seed)
+    content = cv2.imencode(".png", generator.integers(0, 255, (60, 80, 3), dtype=np.uint8))[1]
+    content[generator.integers(40, len(content), 1 + seed % 4)] ^= 1 + seed
+    (tmp_path / "a.png").write_bytes(content.tobytes())
+    with pytest.raises(InputError, match=r"a\.png: found a damaged image, expected an intact one$"):
+        read_image(tmp_path / "a.png")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_chunk_of_a_png_that_no_image_needs_may_be_damaged(tmp_path: Path) -> None:
+    image = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+    content = cv2.imencode(".png", image)[1].tobytes()
+    note = b"\0\0\0\4tEXtnoteXXXX"
+    (tmp_path / "a.png").write_bytes(content[:33] + note + content[33:])
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), image)
+
+
 def test_all_sizes_are_judged_before_a_sweep_is_read(tmp_path: Path) -> None:
     (tmp_path / "wrong.bin").write_bytes(b"123")
     sparse(tmp_path / "large.bin", size=1 << 40)

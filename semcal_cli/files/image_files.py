@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import struct
+import zlib
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -118,7 +119,7 @@ def decode_image(path: Path, content: bytes, flags: int) -> RawPixels | None:
     if content.startswith(JPEG):
         _check_scans(path, content)
     elif content.startswith(PNG):
-        if (plain := _without_texts(content)) is None:
+        if (plain := _checked_png(content)) is None:
             return None
         content = plain
     pixels: Any = None
@@ -150,18 +151,23 @@ def _check_scans(path: Path, content: bytes) -> None:
         found = JPEG_MARKER.search(content, found.end() + max(2, length))
 
 
-def _without_texts(content: bytes) -> bytes | None:
+def _checked_png(content: bytes) -> bytes | None:
     """Leave out the chunks of a PNG that inflate to anything, and that no image needs; what follows its end, too.
 
-    None if a chunk states more bytes than there are, which OpenCV would allocate, or if there is no end.
+    None if there is no end, if a chunk states more bytes than there are, which OpenCV would allocate, or if a checksum
+    is wrong, of which libpng would print a line.
     """
     kept, place, start, kind = [], PNG_SIGNATURE_BYTES, 0, b""
+    pieces = memoryview(content)
     while kind != PNG_END:
         end = place + PNG_CHUNK_BYTES + int.from_bytes(content[place : place + 4], "big")
         if end > len(content):
             return None
         kind = content[place + 4 : place + 8]
-        if kind in PNG_INFLATED:
+        is_intact = zlib.crc32(pieces[place + 4 : end - 4]) == int.from_bytes(content[end - 4 : end], "big")
+        if not is_intact and kind[:1].isupper():
+            return None
+        if not is_intact or kind in PNG_INFLATED:
             kept.append(content[start:place])
             start = end
         place = end
