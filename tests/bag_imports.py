@@ -16,6 +16,7 @@ from moving_street import MovingStreet
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.importing.bags.bag_import import ImportedDrive, import_bag
 from semcal_cli.importing.bags.topics import BagRequest
@@ -115,3 +116,28 @@ def refused(path: Path, out: Path, **settings: Any) -> str:
         done(path, out, **settings)
     assert was_there or not out.exists()
     return str(error.value)
+
+
+def fixed(edges: dict[tuple[str, str], Pose]) -> Maker:
+    return lambda bag, index, stamp: bag.transforms(edges) if index == 0 else None
+
+
+MAST, BODY = pose_from_mounting([5, 6, 7], [1, 2, 3]), pose_from_mounting([-3, 2, 9], [2, 0, 1])
+CHAIN = fixed(
+    {("base", "mast"): MAST, ("mast", "lidar"): T_MOUNT, ("base", "body"): BODY, ("body", "optical"): T_MOUNT}
+)
+FAR = pose_from_mounting([0, 0, 0], [500.0, 0, 0])
+
+
+def moved(stamp: int) -> Pose:
+    """Pose of the base in the world: 10 m/s, and a turn."""
+    seconds = (stamp - START_NS) / NS
+    return pose_from_mounting([0, 0, 20 * seconds], [10 * seconds, 0, 0])
+
+
+def moving(parent: str, child: str) -> Maker:
+    return lambda bag, index, stamp: bag.transforms({(parent, child): moved(stamp)}, stamp)
+
+
+def odometry(child: str, pose: Callable[[int], Pose] = moved) -> Maker:
+    return lambda bag, index, stamp: bag.odometry(pose(stamp), stamp, child)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,24 +9,31 @@ import numpy as np
 import pytest
 import yaml
 from bag_imports import (
+    BODY,
     CAMERA,
+    CHAIN,
     COLORS,
+    FAR,
+    MAST,
     RECORDS,
     STAMP_S,
     T_MOUNT,
     Maker,
     cloud,
     done,
+    fixed,
     image,
     imported,
     info,
+    moved,
+    moving,
     nothing,
+    odometry,
     refused,
     remarks,
-    run_cli,
     small,
 )
-from bags import KINDS, NS, START_NS, BagWriter, Messages
+from bags import KINDS, NS, START_NS, BagWriter
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.files.image_files import read_image
@@ -35,8 +41,6 @@ from semcal_cli.formats.frame_names import T_BODY_OPTICAL
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import pose_from_mounting, pose_from_quaternion
 from semcal_cli.importing.bags.bag_import import import_bag
-from semcal_cli.importing.bags.messages import Message, Topic
-from semcal_cli.importing.bags.recorded_motion import MotionSource, Trajectory
 from semcal_cli.importing.bags.topics import BagRequest
 from semcal_cli.importing.bags.transforms import FrameTree, reference
 from semcal_cli.observations.reading import load_points
@@ -72,16 +76,6 @@ def test_rectified_images_use_P(tmp_path: Path) -> None:
     assert document["camera"]["K"] == P[:, :3].tolist()
     assert not any(document["camera"].get("distortion", []))
     np.testing.assert_allclose(np.array(document["T_camera_lidar"])[:3], R @ T_MOUNT[:3], atol=1e-12)
-
-
-def fixed(edges: dict[tuple[str, str], Pose]) -> Maker:
-    return lambda bag, index, stamp: bag.transforms(edges) if index == 0 else None
-
-
-MAST, BODY = pose_from_mounting([5, 6, 7], [1, 2, 3]), pose_from_mounting([-3, 2, 9], [2, 0, 1])
-CHAIN = fixed(
-    {("base", "mast"): MAST, ("mast", "lidar"): T_MOUNT, ("base", "body"): BODY, ("body", "optical"): T_MOUNT}
-)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap library"])
@@ -148,120 +142,6 @@ def test_a_body_frame_is_noticed_by_its_name_and_its_axes(quaternion: list[float
         ("camera_link", T_lidar_body, "optical"),
     ):
         assert "probably" not in found(name, T, axes)[1]
-
-
-def moved(stamp: int) -> Pose:
-    """Pose of the base in the world: 10 m/s, and a turn."""
-    seconds = (stamp - START_NS) / NS
-    return pose_from_mounting([0, 0, 20 * seconds], [10 * seconds, 0, 0])
-
-
-def moving(parent: str, child: str) -> Maker:
-    return lambda bag, index, stamp: bag.transforms({(parent, child): moved(stamp)}, stamp)
-
-
-def odometry(child: str, pose: Callable[[int], Pose] = moved) -> Maker:
-    return lambda bag, index, stamp: bag.odometry(pose(stamp), stamp, child)
-
-
-SOURCES: dict[str, tuple[dict[str, Maker], dict[str, Any]]] = {
-    "odometry": ({"odom": odometry("base")}, {}),
-    "tf": ({"tf": moving("world", "base")}, {}),
-    "pose": ({"pose": lambda bag, index, stamp: bag.pose(moved(stamp), stamp)},
-             {"motion": "/pose", "motion_frame": "base"}),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("source", SOURCES)
-def test_poses_become_the_motion_of_the_lidar(source: str, tmp_path: Path) -> None:
-    messages, settings = SOURCES[source]
-    path = small(tmp_path, count=8, tf_static=CHAIN, **messages)
-    document = imported(path, tmp_path / "drive", **settings)
-    assert document["motion"]["point_times"] == "relative"
-    rows = np.loadtxt(tmp_path / "drive" / document["motion"]["poses"])
-    stamps = START_NS + np.arange(8) * NS // 10
-    np.testing.assert_allclose(rows[:, 0], stamps / NS, atol=1e-6)
-    expected = [(moved(int(stamp)) @ MAST @ T_MOUNT)[:3, 3] for stamp in stamps]
-    np.testing.assert_allclose(rows[:, 1:4], expected, atol=1e-9)
-    # The first and the last frame have no poses before or after their points.
-    assert 5 <= len(document["frames"]) <= 7
-    assert load_points(read_drive(tmp_path / "drive")).num_frames == len(document["frames"])
-    run_cli("inspect", tmp_path / "drive", code=None)
-
-
-def test_poses_in_any_order() -> None:
-    bag = Messages("sqlite3")
-    message = bag.odometry(moved(START_NS), START_NS, "base")
-    raw, topic = bag.raw(message), Topic("/odom", message.__msgtype__)
-    trajectory = Trajectory(MotionSource(topic, "base", "odom"), np.eye(4))
-    assert trajectory.position(START_NS) is None
-    tenths = []
-    for tenth in (2, 0, 1, 1):
-        # With the time of receipt, one message can be a pose of any time.
-        trajectory.take(Message(topic, START_NS + tenth * NS // 10, raw), received=True)
-        tenths.append(tenth)
-        assert trajectory.covers(START_NS + NS // 20) == (tenths != [2])
-        times = [float(line.split()[0]) - STAMP_S for line in trajectory.tum().splitlines()]
-        assert times == pytest.approx([each / 10 for each in sorted(set(tenths))], abs=1e-6)
-
-
-def test_motion_needs_times_of_points_and_can_be_refused(tmp_path: Path) -> None:
-    still = RECORDS.copy()
-    still["time"] = 0.0
-    path = small(tmp_path, tf_static=CHAIN, points=cloud(still), odom=odometry("base"))
-    assert "no motion is written" in remarks(path, tmp_path / "drive")
-    assert "motion" not in imported(path, tmp_path / "none", motion="none")
-    given = {"motion": "none", "odometry": True}
-    assert "not estimated: points have no times" in remarks(path, tmp_path / "sweeps", **given)
-
-
-@pytest.mark.parametrize("fields", [["x", "y", "z"], ["x", "y", "z", "time"]])
-def test_a_spin_gives_the_times_that_points_lack(fields: list[str], tmp_path: Path) -> None:
-    """Where there is no field, or one that tells nothing."""
-    angles = np.linspace(-3.0, 3.0, 20)
-    records = RECORDS[fields].copy()
-    records["x"], records["y"] = 9.0 * np.cos(angles), 9.0 * np.sin(angles)
-    if "time" in fields:
-        records["time"] = 5.0
-    path = small(tmp_path, tf_static=CHAIN, points=cloud(records), odom=odometry("base"))
-    run_cli("import", "bag", path, "--spin", "10:ccw:180:start", "-o", tmp_path / "drive")
-    document = yaml.safe_load((tmp_path / "drive/drive.yaml").read_text())
-    spin = {"rate_hz": 10.0, "clockwise": False, "seam_deg": 180.0, "stamp": "start"}
-    assert document["lidar"] == {"spin": spin}
-    run_cli("import", "bag", path, "--origin", "1.4", "0", "-0.5", "-o", tmp_path / "moved")
-    moved = yaml.safe_load((tmp_path / "moved/drive.yaml").read_text())
-    assert moved["lidar"] == {"origin_m": [1.4, 0.0, -0.5]}
-    assert document["motion"]["point_times"] == "relative"
-    frames = load_points(read_drive(tmp_path / "drive")).frame_observations
-    # At 10 m/s, the points of a sweep of 0.1 s are moved by up to a metre.
-    measured = np.stack([records[axis] for axis in "xyz"], axis=1)
-    assert all(np.linalg.norm(frame.cloud.points - measured, axis=1).max() > 0.5 for frame in frames)
-    for wrong, problem in {
-        "10:cw": "found '10:cw', expected HZ:cw|ccw:SEAM_DEG[:start|middle|end], such as",
-        "10:left:0": "found '10:left:0', expected HZ:cw|ccw:SEAM_DEG",
-        "10:cw:0:end:1": "found '10:cw:0:end:1', expected HZ:cw|ccw:SEAM_DEG",
-        "0:cw:0": "HZ: found 0.0, needed at least 1.0",
-        "10:cw:0:late": "stamp: found 'late', expected 'start', 'middle' or 'end'",
-    }.items():
-        result = run_cli("import", "bag", path, "--spin", wrong, "-o", tmp_path / "drive", code=2)
-        assert problem in result.stderr
-
-
-FAR = pose_from_mounting([0, 0, 0], [500.0, 0, 0])
-TURNS: dict[str, tuple[dict[str, Maker], dict[str, Any], str]] = {
-    "no such topic": ({"odom": odometry("lidar")}, {"motion": "/x"},
-                      "--motion: found no topic '/x' of poses, expected one of: /odom"),
-    "a frame that stands": ({"tf": fixed({("map", "lidar"): T_MOUNT})}, {"motion": "/tf"},
-                            "--motion /tf: found the moving frames none"),
-    "a pose of nothing": ({"pose": SOURCES["pose"][0]["pose"]}, {"motion": "/pose"}, "add --motion-frame FRAME"),
-    "another body": ({"odom": odometry("gps")}, {"motion": "/odom"}, "--motion /odom: found poses of 'gps'"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("turn", TURNS)
-def test_motion_that_does_not_fit_gets_one_line(turn: str, tmp_path: Path) -> None:
-    changes, settings, expected = TURNS[turn]
-    assert expected in refused(small(tmp_path, **changes), tmp_path / "drive", **settings)
 
 
 def two_parents(bag: BagWriter, index: int, stamp: int) -> Any:
@@ -391,22 +271,6 @@ def test_two_cameras_of_one_recording_share_a_folder(tmp_path: Path) -> None:
     for shade in range(len(names)):
         drive = read_drive(tmp_path / f"drive/{shade}.yaml")
         assert read_image(drive.resolve(drive.frames[0].image or ""))[0, 0, 0] == shade
-
-
-def test_poses_of_other_bodies_do_not_count(tmp_path: Path) -> None:
-    """Nor do those that are none."""
-
-    def two_bodies(bag: BagWriter, index: int, stamp: int) -> Any:
-        bag.write("/odom", bag.odometry(FAR, stamp + 1, "gps"), stamp)
-        lost = moved(stamp)
-        lost[0, 3] = np.nan if index == 3 else lost[0, 3]
-        return bag.odometry(lost, stamp, "lidar")
-
-    path = small(tmp_path, count=9, odom=two_bodies)
-    document = imported(path, tmp_path / "drive", motion="/odom", motion_frame="lidar")
-    rows = np.loadtxt(tmp_path / "drive" / document["motion"]["poses"])
-    assert rows[:, 1].max() < 100.0
-    assert len(rows) == 8
 
 
 def test_sweeps_of_another_frame_are_left_out(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import invoke
-from conftest import FINE_STREET, make_pose, real, without
+from conftest import make_pose, real, without
 from dataset_imports import run_import
 
 from semcal_cli import core, threads
@@ -33,13 +33,9 @@ from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.cues.cue_table import choose_cues
 from semcal_cli.observations.cues.edges import (
-    EDGES,
-    NO_EDGE,
     STARTS,
     STARTS_ALONE,
-    EdgesConfig,
     edges_of_sweeps,
-    gradients,
     observe_edges,
 )
 from semcal_cli.observations.loading import load
@@ -70,24 +66,6 @@ def bare(drive: Path) -> Path:
     return without(drive, "point_labels")
 
 
-def test_points_with_and_without_edges(street: Path) -> None:
-    drive = read_drive(street)
-    clouds = read_clouds(drive)
-    found = edges_of_sweeps(clouds)
-    assert found.names[0] == "no edge"
-    assert len(found.names) == 7
-    for cloud, classes, to_steps in zip(clouds, found.classes, found.to_steps_m, strict=True):
-        is_edge = (classes != NO_CLASS) & (classes != NO_EDGE)
-        assert 0.02 < is_edge.mean() < 0.5
-        # Of those without an edge, about `plain_per_edge` for each with one are compared.
-        assert np.sum(classes == NO_EDGE) <= 1.1 * EDGES.plain_per_edge * is_edge.sum()
-        assert not to_steps[~is_edge].any()
-        ranges = np.linalg.norm(cloud.points, axis=1)
-        # Half-way to a neighbour that is at most `REACH` of the core, 0.02 radians, away, and a little higher or lower.
-        assert (np.linalg.norm(to_steps, axis=1) <= 0.011 * ranges + 1e-6).all()
-    assert found.spacing == pytest.approx(np.radians(360.0 / FINE_STREET.columns), rel=0.05)
-
-
 def test_without_intensities_only_ranges_step(street: Path, tmp_path: Path) -> None:
     drive = read_drive(street)
     points = read_clouds(drive)[0].points
@@ -110,18 +88,6 @@ def test_exposure_and_light_change_no_level(street: Path, seen: Observations, tm
     dark = observe_edges(drive.model_copy(update={"frames": drive.frames[:1]}))
     before, after = seen.images[0].classes, dark.images[0].classes
     assert np.mean(np.abs(before.astype(int) - after.astype(int)) <= 1) > UNMOVED
-
-
-def test_an_edge_is_as_strong_in_the_shade_beside_the_light(street: Path) -> None:
-    camera = read_drive(street).camera
-    width, height = camera.size
-    image = np.full((height, width, 3), 200, np.uint8)
-    image[:, width // 2 + 20 :] = 150
-    image[height // 2 :] //= 4
-    strength, is_inside = gradients(camera, image, np.ones((height, width), bool), 1.0)
-    light, shade = (strength[height // 2 + side, is_inside[height // 2]].max() for side in (-30, 30))
-    assert light > 0.0
-    assert shade == pytest.approx(light, rel=0.15)
 
 
 def test_information_is_highest_at_the_truth_about_every_axis(seen: Observations, street_truth: Pose) -> None:
@@ -274,30 +240,6 @@ def test_a_mounting_that_edges_decide_for_leads_the_hypotheses(bare: Path) -> No
     assert led.runner_up_margin is None or led.runner_up_margin < 0.0
 
 
-def test_rings_tell_which_rays_are_neighbours() -> None:
-    # Lasers 20 cm above the origin: a pole 2 m away seems to be higher than the wall that they see beside it.
-    azimuths, elevations = np.radians(np.arange(360.0)), np.array([0.0, 0.02])
-    ranges = np.where(np.arange(360) == 90, 2.0, 10.0)
-    along = ranges[:, None] * np.cos(elevations)
-    points = np.stack(
-        [
-            along * np.cos(azimuths)[:, None],
-            along * np.sin(azimuths)[:, None],
-            ranges[:, None] * np.sin(elevations) + 0.2,
-        ],
-        axis=-1,
-    )
-    points = points.reshape(-1, 3).astype(np.float32)
-    rings = np.tile(np.arange(2, dtype=np.uint16), 360)
-    (steps,) = core.edge_steps([(points, None, rings)], EDGES.same_surface_m)
-    np.testing.assert_array_equal(np.flatnonzero(steps.range_m > 1.0), [180, 181])
-    assert np.isfinite(steps.range_m[[180, 181]]).all()
-    (by_elevation,) = core.edge_steps([(points, None, None)], EDGES.same_surface_m)
-    assert np.isinf(by_elevation.range_m[[180, 181]]).all()
-    with pytest.raises(ValueError, match="719 intensities or rings of 720 points"):
-        core.edge_steps([(points, None, rings[1:])], EDGES.same_surface_m)
-
-
 def test_a_maximum_beside_the_result_is_a_rival(
     street: Path, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -365,24 +307,6 @@ def test_searches_reach_farther_in_few_scenes_and_end_when_two_in_a_row_find_not
         searched.clear()
         climb(seen.of_frames(range(num_frames)), street_truth, np.random.default_rng(0))
         assert searched == [(number, farthest_deg), (number, farthest_deg), (2 * number, farthest_deg)]
-
-
-def test_gradients_of_the_road_are_not_compared_with_those_of_the_horizon(street: Path) -> None:
-    camera = read_drive(street).camera
-    texture = np.random.default_rng(0).normal(0.0, 40.0, (camera.height, camera.width))
-    horizon = camera.height // 2
-    texture[horizon:] /= 4.0
-    image = np.repeat((128.0 + texture)[:, :, None].clip(0, 255), 3, axis=2).astype(np.uint8)
-    seen_everywhere = np.ones((camera.height, camera.width), bool)
-    px_per_deg = core_camera(camera).pixels_per_radian * np.pi / 180.0
-
-    def weakened(config: EdgesConfig) -> float:
-        strength, _ = gradients(camera, image, seen_everywhere, 1.5, config)
-        near, far = (strength[horizon + int(below_deg * px_per_deg)].mean() for below_deg in (5.0, 15.0))
-        return float(near / far)
-
-    assert weakened(EDGES) > 0.95
-    assert weakened(replace(EDGES, surroundings_across_deg=6.0)) < 0.85
 
 
 @pytest.mark.parametrize("seed", [90, 91])

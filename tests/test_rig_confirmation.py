@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_rig import with_pose
+from rigs import with_pose
 from test_rig_ties import SIGMA, wrong
 
 from semcal_cli.many.rig.adjustment import adjust

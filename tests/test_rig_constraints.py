@@ -9,7 +9,7 @@ import yaml
 from click.testing import Result
 from commands import invoke
 from conftest import NAMES, make_pose
-from test_rig import exp, twist, with_pose
+from rigs import exp, twist, with_pose
 
 from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.poses import compare_poses, inverse

@@ -10,7 +10,7 @@ import yaml
 from click.testing import Result
 from commands import invoke
 from conftest import make_pose
-from test_rig import run
+from rigs import run
 
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig

@@ -11,7 +11,7 @@ import yaml
 from click.testing import Result
 from commands import invoke
 from conftest import LIDAR, NAMES, SMALL_LIDARS
-from test_rig import exp, with_pose
+from rigs import exp, with_pose
 from test_rig_confirmation import IDENTITY
 from test_schemas import check
 

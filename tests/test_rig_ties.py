@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import make_pose
-from test_rig import exp, twist, with_pose
+from rigs import exp, twist, with_pose
 from test_rig_constraints import SIGMA_DEG, SIGMA_M, constraint
 
 from semcal_cli.geometry.arrays import Pose

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import LIDAR, SMALL_LIDARS, make_pose
-from test_rig import exp
+from rigs import exp
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
