@@ -1,5 +1,6 @@
 """What a path holds that is no drive, and what each command says of it."""
 
+import os
 import shlex
 import shutil
 from pathlib import Path
@@ -235,7 +236,8 @@ def test_every_command_refuses_a_cloud_in_the_place_of_a_drive(
 ) -> None:
     cloud, calibration = tmp_path / "clouds/a.pcd", tmp_path / "T.yaml"
     cloud.parent.mkdir()
-    cloud.write_bytes(b"VERSION .7\n" + bytes(MAX_DOCUMENT_BYTES))
+    cloud.write_bytes(b"VERSION .7\n")
+    os.truncate(cloud, MAX_DOCUMENT_BYTES + 1)
     calibration.write_text("T_camera_lidar: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]")
     names = {"calibration": calibration, "out": tmp_path / "out", "page": tmp_path / "page.html"}
     _, out, err = cli(*command.format(cloud, cloud, **names).split())
