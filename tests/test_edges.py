@@ -250,7 +250,7 @@ def test_a_maximum_beside_the_result_is_a_rival(
     nums_polished = list[int]()
 
     def sentences(end: Pose) -> str:
-        def ends_elsewhere(_: object, __: object, starts: list[Pose]) -> list[Pose]:
+        def ends_elsewhere(_: object, starts: list[Pose], __: object) -> list[Pose]:
             nums_polished.append(len(starts))
             return [end for _ in starts]
 

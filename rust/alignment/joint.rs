@@ -5,6 +5,7 @@
 //! variables where the labels do not constrain them: they are a penalty, `sum ((x - x_0) / sigma)^2 / (2 N)`, in
 //! which N converts mutual information to log-likelihood, both in nats.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Isometry3};
@@ -12,10 +13,12 @@ use nalgebra::{DMatrix, DVector, Isometry3};
 use super::level::Level;
 use super::newton::{NewtonResult, PenalisedInformation, unit_steps};
 use super::projection::Neighbourhood;
+use super::sample::Sample;
 use super::selection::{Selection, in_view};
 use super::variables::{Estimate, Variables};
 use crate::error::Result;
 use crate::observation::Observations;
+use crate::thinning::{stride, thinned};
 
 /// Curvature is recomputed if the last round moved the points by more blocks than this.
 const CURVATURE_HOLDS: f64 = 0.3;
@@ -23,6 +26,10 @@ const CURVATURE_HOLDS: f64 = 0.3;
 const COARSE_TOLERANCE: f64 = 0.1;
 /// Blocks of at most this side, pixels, use all points.
 const FINE: usize = 2;
+
+/// Number of points that is enough for a first curvature. With 5,000 instead of all, edges on three KITTI sets end within
+/// 0.0005 degrees and 0.03 cm of the same poses, after as many rounds.
+const CURVATURE_POINTS: usize = 5_000;
 
 /// Settings of the ascent: the fields of `AscentConfig` in Python, which documents them.
 #[derive(Clone, Debug)]
@@ -74,14 +81,35 @@ pub fn maximise(
     Ok(JointMaximum { estimate: ascent.estimate, moved_px, inverse_curvature: ascent.inverse_curvature })
 }
 
+/// Where the curvature of a round comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Curvature {
+    /// The round before.
+    Known,
+    /// Some of the points, which is fast.
+    OfSome,
+    /// All points. Steps without gain then mean that the maximum is a cusp.
+    OfAll,
+}
+
+/// Some of the samples, weighted to stand for all.
+fn thinned_samples(samples: &[Sample]) -> Cow<'_, [Sample]> {
+    let stride = stride(samples.len(), CURVATURE_POINTS);
+    if stride == 1 {
+        return samples.into();
+    }
+    let weighted = |i: usize| Sample { weight: samples[i].weight * stride as f32, ..samples[i] };
+    thinned(samples.len(), stride).map(weighted).collect()
+}
+
 /// The outcome of one round, which uses one choice of points.
 struct Round {
     /// Distance, blocks, by which it moved the points.
     moved: f64,
     /// Distance, blocks, by which it still tried to move them.
     wanted: f64,
-    /// Whether the curvature was computed from these points.
-    is_fresh: bool,
+    /// Whether the curvature was computed from all of these points.
+    is_exact: bool,
 }
 
 struct JointAscent<'a> {
@@ -127,18 +155,23 @@ impl<'a> JointAscent<'a> {
     /// how many pixels the last round moved them, infinite where the information is constant.
     fn level(&mut self, factor: usize, tolerance: f64) -> Result<f64> {
         let mut moved_px = f64::INFINITY;
-        let mut is_stale = self.inverse_curvature.is_none();
+        let mut curvature =
+            if self.inverse_curvature.is_some() { Curvature::Known } else { Curvature::OfSome };
         let mut level = self.observed(factor);
         for _ in 0..self.config.max_rounds {
-            let Some(Round { moved, wanted, is_fresh }) = self.round(&level, is_stale, tolerance)? else {
+            let Some(Round { moved, wanted, is_exact }) = self.round(&level, curvature, tolerance)? else {
                 break;
             };
             moved_px = moved.max(wanted) * factor as f64;
-            // A step without gain may come from outdated curvature, or the maximum is a cusp.
-            if moved < tolerance && (wanted < tolerance || is_fresh) {
+            // A step without gain may come from outdated or rough curvature, or the maximum is a cusp.
+            if moved < tolerance && (wanted < tolerance || is_exact) {
                 break;
             }
-            is_stale = moved > CURVATURE_HOLDS || wanted >= tolerance;
+            curvature = match (wanted < tolerance, moved > CURVATURE_HOLDS) {
+                (false, _) => Curvature::OfAll,
+                (true, true) => Curvature::OfSome,
+                (true, false) => Curvature::Known,
+            };
             // If only the pose changes, the observations do not. Else the level before is held meanwhile, so that the
             // blocks are averaged only once.
             if self.variables.count() > 6 {
@@ -157,7 +190,7 @@ impl<'a> JointAscent<'a> {
     }
 
     /// Runs one round. Returns `None` where the information is constant.
-    fn round(&mut self, level: &Level, is_stale: bool, tolerance: f64) -> Result<Option<Round>> {
+    fn round(&mut self, level: &Level, curvature: Curvature, tolerance: f64) -> Result<Option<Round>> {
         let Self { observations, variables, config, .. } = *self;
         let anchor = self.estimate.clone();
         let Selection { moving, constant } = level.select_for_newton(&anchor.pose, variables);
@@ -183,14 +216,19 @@ impl<'a> JointAscent<'a> {
             steps,
             blocks,
         };
-        if is_stale {
-            self.inverse_curvature = penalised.inverse_curvature();
+        let some = match curvature {
+            Curvature::OfSome => thinned_samples(&moving),
+            Curvature::Known | Curvature::OfAll => moving.as_slice().into(),
+        };
+        if curvature != Curvature::Known {
+            self.inverse_curvature = penalised.inverse_curvature(&some);
         }
+        let is_exact = curvature != Curvature::Known && some.len() == moving.len();
         let Some(inverse) = &self.inverse_curvature else { return Ok(None) };
         let Some(result) = penalised.newton(inverse, config.max_steps, tolerance) else { return Ok(None) };
         let NewtonResult { change, moved, wanted } = result;
         self.estimate = anchor.changed(variables, &change, observations.max_baseline_m)?;
         self.offset_from_prior += change;
-        Ok(Some(Round { moved, wanted, is_fresh: is_stale }))
+        Ok(Some(Round { moved, wanted, is_exact }))
     }
 }

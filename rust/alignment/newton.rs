@@ -142,32 +142,32 @@ impl PenalisedInformation<'_> {
     }
 
     /// Penalised information, and where the points land; `None` if the camera is impossible.
-    fn value(&self, change: &DVector<f64>) -> Option<(f64, Placed<'_>)> {
-        let at = self.near.projection(change).ok()?;
-        let placed = self.level.placed(self.samples, self.constant, at, Weights::AtAnchor);
+    pub fn value(&self, change: &DVector<f64>) -> Option<(f64, Placed<'_>)> {
+        let placed = self.placed(self.samples, change)?;
         let offset = self.offset_from_prior + change;
         let penalty = 0.5 * self.precision.component_mul(&offset).dot(&offset);
         Some((self.level.information(&placed.joint) - penalty, placed))
     }
 
+    /// Where samples land at a change; `None` if the camera is impossible.
+    fn placed(&self, samples: &[Sample], change: &DVector<f64>) -> Option<Placed<'_>> {
+        let at = self.near.projection(change).ok()?;
+        Some(self.level.placed(samples, self.constant, at, Weights::AtAnchor))
+    }
+
     /// Gradient of the penalised information at a change, by where the points land there.
-    fn gradient(&self, change: &DVector<f64>, placed: Placed) -> DVector<f64> {
+    pub fn gradient(&self, change: &DVector<f64>, placed: Placed) -> DVector<f64> {
         let pull = self.precision.component_mul(&(self.offset_from_prior + change));
         self.level.gradient(&placed) - pull
     }
 
-    /// Penalised information and its gradient; `None` if the camera is impossible.
-    pub fn value_and_gradient(&self, change: &DVector<f64>) -> Option<(f64, DVector<f64>)> {
-        let (value, placed) = self.value(change)?;
-        Some((value, self.gradient(change, placed)))
-    }
-
-    /// Inverse of the negative Hessian, from gradients to both sides along each step; `None` where the information
-    /// is constant.
-    pub fn inverse_curvature(&self) -> Option<DMatrix<f64>> {
+    /// Inverse of the negative Hessian by some samples, or all of them, from gradients to both sides along each step;
+    /// `None` where the information is constant.
+    pub fn inverse_curvature(&self, samples: &[Sample]) -> Option<DMatrix<f64>> {
         let column = |step: usize| {
             let gradient = |by: f64| {
-                self.value_and_gradient(&(self.steps.column(step) * by)).map(|(_, gradient)| gradient)
+                let change = self.steps.column(step) * by;
+                self.placed(samples, &change).map(|placed| self.gradient(&change, placed))
             };
             let difference = gradient(-HALF_WIDTH)? - gradient(HALF_WIDTH)?;
             Some(self.steps.tr_mul(&difference) / (2.0 * HALF_WIDTH))

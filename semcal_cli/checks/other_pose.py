@@ -114,18 +114,18 @@ def _rivals(
     rivals, near = _maxima(observations, T_camera_lidar)
     if uncertainty is None:
         return rivals
+
+    def is_inside(T_end: Pose) -> bool:
+        offsets = np.abs(compare_poses(T_end, T_camera_lidar).offsets)
+        return bool((offsets <= uncertainty.half_widths).all())
+
     parts: Sequence[Sequence[Pose]] = (near,)
     if observations.is_multimodal:
         beside = _beside(T_camera_lidar)
         parts = beside[:FIRST_BESIDE], beside[FIRST_BESIDE:]
     for starts in parts:
-        ends = ends_elsewhere(observations, T_camera_lidar, starts)
-        offsets = [np.abs(compare_poses(T_end, T_camera_lidar).offsets) for T_end in ends]
-        outside = [
-            T_end
-            for T_end, offset in zip(ends, offsets, strict=True)
-            if (offset > uncertainty.half_widths).any()
-        ]
+        ends = ends_elsewhere(observations, starts, is_inside)
+        outside = [T_end for T_end in ends if not is_inside(T_end)]
         rivals += outside
         if not outside:
             break

@@ -82,7 +82,11 @@ def has_other_maxima(
     if starts is None or not starts.searches_beside:
         return False
     beside = [displace(T_camera_lidar, *distance, rng) for distance in BESIDE]
-    ends = ends_elsewhere(observations, T_camera_lidar, beside)
+
+    def is_back(T_end: Pose) -> bool:
+        return compare_poses(T_end, T_camera_lidar).is_within(SAME_DEG, SAME_M)
+
+    ends = ends_elsewhere(observations, beside, is_back)
     if not ends:
         return False
     T_polished = _polish(observations, T_camera_lidar)
@@ -91,17 +95,18 @@ def has_other_maxima(
     return any(not compare_poses(T, T_polished).is_within(SAME_DEG, SAME_M) for T in ends)
 
 
-def ends_elsewhere(observations: Observations, T_camera_lidar: Pose, poses: Sequence[Pose]) -> list[Pose]:
+def ends_elsewhere(
+    observations: Observations, poses: Sequence[Pose], is_back: Callable[[Pose], bool]
+) -> list[Pose]:
     """Polish poses beside a maximum, and return the ends (4, 4) of those that do not lead back to it at once.
 
     Args:
         observations: Points and pixels of all frames.
-        T_camera_lidar: (4, 4) maximum, metres.
-        poses: (4, 4) poses beside it.
+        poses: (4, 4) poses beside the maximum, metres.
+        is_back: Function that tells whether a pose (4, 4) is at the maximum.
     """
     ends = newton_from_each(observations, poses, PolishConfig(max_rounds=FIRST_ROUNDS))
-    away = [T for T in ends if not compare_poses(T, T_camera_lidar).is_within(SAME_DEG, SAME_M)]
-    return newton_from_each(observations, away, PolishConfig())
+    return newton_from_each(observations, [T for T in ends if not is_back(T)], PolishConfig())
 
 
 def climb(
