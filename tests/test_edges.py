@@ -21,7 +21,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.refine import higher_maxima
-from semcal_cli.estimation.refine.higher_maxima import climb
+from semcal_cli.estimation.refine.higher_maxima import climb, ends_elsewhere
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
@@ -269,6 +269,19 @@ def test_a_maximum_beside_the_result_is_a_rival(
     # What comes back to the result is none.
     assert "10 cm away" not in sentences(street_truth)
     assert nums_polished[2:] == [other_pose.FIRST_BESIDE]
+
+
+def test_a_polish_ends_elsewhere_unless_it_leads_back(seen: Observations, street_truth: Pose) -> None:
+    T_maximum = newton(seen, street_truth, PolishConfig()).T_camera_lidar
+
+    def is_back(T_end: Pose) -> bool:
+        return compare_poses(T_end, T_maximum).is_within(0.05, 0.015)
+
+    beside = [displace(T_maximum, 0.1, 0.02, np.random.default_rng(0))]
+    assert not ends_elsewhere(seen, beside, is_back)
+    # Where nothing counts as back, the polish ends at the maximum all the same.
+    (T_end,) = ends_elsewhere(seen, beside, lambda _: False)
+    assert is_back(T_end)
 
 
 def test_a_higher_maximum_beside_is_found(seen: Observations, street_truth: Pose) -> None:
