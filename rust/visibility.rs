@@ -79,6 +79,7 @@ impl Sweep {
         let of_part = |part| project_in_cone(camera, self.in_cone(&cone, part), &cone);
         let parts = 0..self.points.len().div_ceil(GROUP * GROUPS_A_TASK);
         let parts: Vec<_> = parts.into_par_iter().map(of_part).collect();
+        // One part is not copied.
         let projected = <[_; 1]>::try_from(parts).map_or_else(|parts| parts.concat(), |[all]| all);
         let hidden = Arc::new(hidden(camera, self, origin, &projected));
         let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());

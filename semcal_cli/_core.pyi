@@ -355,7 +355,7 @@ class PointCloud:
     """Probabilities of raw class ids instead, if the label file holds them."""
     num_no_returns: int
     """Number of entries that are not finite or all zero, which are left out."""
-    is_return: NDArray[np.bool_]
+    is_kept: NDArray[np.bool_]
     """Which of the file's entries are the points: those of other LiDARs are left out, too."""
 
 @final

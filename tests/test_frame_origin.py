@@ -283,6 +283,17 @@ def test_an_origin_at_the_limit_of_the_search_is_not_proposed(fine_street: Path,
     assert "origin_m" not in said
 
 
+@pytest.mark.parametrize("stated_m", [(0.0, 60.0, 0.0), (4.0, 4.0, 4.0)])
+def test_a_stated_origin_far_beside_the_true_one_is_named_once(
+    stated_m: tuple[float, ...], fine_street: Path, tmp_path: Path
+) -> None:
+    """Seen from the second one, the height of the sensor is unusual, too."""
+    drive = stating(shutil.copytree(fine_street, tmp_path / "drive"), stated_m)
+    (said,) = (text for text in inspect(read_drive(drive)).suspicions if "origin" in text)
+    proposed = re.findall(r"`origin_m: \[(.*?)\]` under `lidar:` states", said)
+    np.testing.assert_allclose([float(number) for number in proposed[0].split(", ")], np.zeros(3), atol=0.3)
+
+
 def test_a_viewpoint_of_pcd_files_is_named(fine_street: Path, tmp_path: Path) -> None:
     drive = shutil.copytree(fine_street, tmp_path / "drive")
     columns = np.fromfile(next((drive / "points").iterdir()), np.float32).reshape(-1, 4)

@@ -147,9 +147,9 @@ def test_entries_that_are_no_points_keep_their_places(plain: Path, tmp_path: Pat
     for frame, cloud in zip(new.frames, read_clouds(new), strict=True):
         assert cloud.labels is not None
         labels = np.fromfile(new.resolve(str(frame.point_labels)), np.uint32)
-        assert len(labels) == len(cloud.is_return)
+        assert len(labels) == len(cloud.is_kept)
         assert cloud.num_no_returns >= 200
-        assert np.array_equal(cloud.labels, labels[cloud.is_return] & 0xFFFF)
+        assert np.array_equal(cloud.labels, labels[cloud.is_kept] & 0xFFFF)
         assert set(cloud.labels) <= ({1, 2} if by == "network" else {0, 1, 2})
         if by == "segments":
             kinds, segments = labels & 0xFFFF, labels >> 16

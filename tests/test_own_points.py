@@ -6,6 +6,7 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+import numpy.typing as npt
 import pytest
 import yaml
 from commands import invoke
@@ -34,7 +35,7 @@ def test_other_points_are_left_out_with_all_that_belongs_to_them(name: str, tmp_
     for value in VALUES:
         np.testing.assert_array_equal(getattr(own, value), getattr(all_points, value)[is_own])
     assert own.num_no_returns == all_points.num_no_returns == 2
-    np.testing.assert_array_equal(np.flatnonzero(own.is_return), np.flatnonzero(all_points.is_return)[is_own])
+    np.testing.assert_array_equal(np.flatnonzero(own.is_kept), np.flatnonzero(all_points.is_kept)[is_own])
 
 
 @pytest.mark.parametrize("suffix", [".label", ".npz"])
@@ -48,7 +49,7 @@ def test_labels_in_files_have_an_entry_for_each_point_of_all_lidars(suffix: str,
         np.savez(labels, np.eye(7, dtype=np.float32)[ids])
     (own,) = read_point_clouds([(path, labels)], form=PointForm(own_points=LOW_RINGS))
     read = own.labels if own.label_shares is None else own.label_shares.classes
-    np.testing.assert_array_equal(read, ids[own.is_return])
+    np.testing.assert_array_equal(read, ids[own.is_kept])
 
 
 def las(path: Path) -> Path:
@@ -98,6 +99,82 @@ def test_columns_of_tables_and_of_bin_files_that_are_named(tmp_path: Path) -> No
     np.testing.assert_array_equal(cloud.points, rows[is_own, :3])
 
 
+def records(path: Path, values: npt.ArrayLike, dtype: str = "f4") -> Path:
+    """Write points at x = 1, 2, 3 and so on, and a field q."""
+    column = np.asarray(values, dtype)
+    points = np.zeros(len(column), [*((axis, "f4") for axis in "xyz"), ("q", dtype)])
+    points["x"], points["q"] = np.arange(1, len(column) + 1), column
+    np.save(path, points)
+    return path
+
+
+def test_numbers_that_a_user_writes_are_those_of_a_file_of_float32(tmp_path: Path) -> None:
+    path = records(tmp_path / "a.npy", [0.1, 0.2, 0.3, np.nan, np.inf])
+    for ends, places in (((0.1, 0.1), [1]), ((0.2, 0.3), [2, 3]), ((0.0, 1e300), [1, 2, 3, 5])):
+        (cloud,) = read_point_clouds([(path, None)], form=PointForm(own_points=("q", ends)))
+        assert cloud.points[:, 0].tolist() == places
+
+
+@pytest.mark.parametrize(
+    ("values", "dtype", "found"),
+    [
+        (
+            [0.1, 0.7, 0.3],
+            "f4",
+            "found 'q' from 0.1 to 0.7, expected points from 3 to 4, as lidar.own_points",
+        ),
+        ([0.1, np.nan, np.inf], "f8", "found 'q' from 0.1 to 0.1, expected points from 3 to 4, as"),
+        ([np.nan, np.inf, -np.inf], "f4", "found no number in 'q', expected points from 3 to 4, as"),
+    ],
+)
+def test_values_of_a_refused_file_are_those_of_its_points(
+    values: list[float], dtype: str, found: str, tmp_path: Path
+) -> None:
+    path = records(tmp_path / "a.npy", values, dtype)
+    points = np.load(path)
+    no_return = np.zeros(1, points.dtype)
+    no_return["q"] = 99
+    np.save(path, np.concatenate([points, no_return]))
+    with pytest.raises(InputError, match=re.escape(f"{path}: {found}")):
+        read_point_clouds([(path, None)], form=PointForm(own_points=("q", (3.0, 4.0))))
+
+
+@pytest.mark.parametrize(
+    ("others", "found"),
+    [
+        ({"source": np.zeros(6)}, "the arrays points source, and the fields x y z intensity in points,"),
+        ({}, "the fields x y z intensity,"),
+    ],
+)
+def test_an_archive_without_the_field_is_refused_with_its_arrays_and_fields(
+    others: dict[str, npt.NDArray[np.float64]], found: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, points=np.ones((6, 4), np.float32), **others)
+    with pytest.raises(InputError) as caught:
+        read_point_clouds([(path, None)], form=PointForm(own_points=("lidar", (0.0, 1.0))))
+    assert str(caught.value) == f"{path}: found {found} expected 'lidar' among them, {KEY}"
+
+
+def test_a_dimension_of_three_numbers_tells_nothing(tmp_path: Path) -> None:
+    cloud = laspy.create(point_format=6, file_version="1.4")
+    cloud.add_extra_dim(laspy.ExtraBytesParams("vec", "3f4"))
+    cloud.x, cloud.y, cloud.z = np.arange(1.0, 7.0), np.zeros(6), np.zeros(6)
+    cloud.write(tmp_path / "a.las")
+    with pytest.raises(InputError, match=r"a\.las: field 'vec' is not a single number$"):
+        read_point_clouds([(tmp_path / "a.las", None)], form=PointForm(own_points=("Vec", (0.0, 1.0))))
+
+
+def test_too_little_memory_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    path = las(tmp_path / "a.las")
+    monkeypatch.setattr(laspy.LasReader, "chunk_iterator", fail)
+    with pytest.raises(MemoryError):
+        read_point_clouds([(path, None)])
+
+
 def test_two_lidars_of_one_file_are_kept_apart(tmp_path: Path) -> None:
     path, sweeps = WRITERS["NPY records"][0](little_cloud(), tmp_path / "merged"), SweepCache()
     forms = [PointForm(own_points=("ring", ends)) for ends in ((0.0, 31.0), (32.0, 63.0))]
@@ -132,8 +209,8 @@ KEY = "which lidar.own_points states (--own-points at import)"
         (
             "PCD ascii",
             ("ring", (90, 99.5)),
-            "found no point whose 'ring' is from 90 to 99.5, as lidar.own_points states (--own-points at import), "
-            "but values from 0 to 6",
+            "found 'ring' from 0 to 62, expected points from 90 to 99.5, as lidar.own_points states "
+            "(--own-points at import)",
         ),
     ],
 )
@@ -153,7 +230,15 @@ def test_files_that_do_not_tell_are_refused(
             {"field": "ring", "range": [3, 1]},
             "own_points.range: found [3.0, 1.0], expected the smallest and the",
         ),
-        ({"field": "", "range": [0, 1]}, "own_points.field: found ''"),
+        (
+            {"field": "", "range": [0, 1]},
+            "own_points.field: found '', expected the name of a field of the files",
+        ),
+        (
+            {"field": "_", "range": [0, 1]},
+            "own_points.field: found '_', a column that is not used, expected the name of a field of the files",
+        ),
+        ({"field": "a" * 101, "range": [0, 1]}, "needed at most 100 characters"),
         ({"ring": [0, 1]}, "own_points: unknown key 'ring'"),
     ],
 )
@@ -210,6 +295,20 @@ def test_a_camera_is_calibrated_against_one_lidar_of_several(
     ]
 
 
+def test_only_the_lidars_own_points_are_labelled(drive: Path, tmp_path: Path) -> None:
+    alone = [np.fromfile(path, "<f4").reshape(-1, 4) for path in sorted((drive / "points").iterdir())]
+    run = invoke("label", merged(drive), "--points", "segments", "-o", tmp_path / "out")
+    assert run.exit_code == 0, run.output
+    new = read_drive(tmp_path / "out")
+    for frame, rows in zip(new.frames, alone, strict=True):
+        own, others = np.split(np.fromfile(new.resolve(str(frame.point_labels)), "<u4"), [len(rows)])
+        assert own.any()
+        assert len(others) == len(rows)
+        assert not others.any()
+    record = yaml.safe_load((tmp_path / "out/point_labels/semcal_label.json").read_text())
+    assert record["own_points"] == {"field": "lidar", "range": [1.0, 1.0]}
+
+
 def test_an_import_keeps_what_is_stated(tmp_path: Path, cli: Cli) -> None:
     arguments = ["import", "folder", *own_data(tmp_path / "own"), "-o", tmp_path / "drive", "--force"]
     code, *_ = cli(*arguments, "--own-points", "intensity=-1e9:1e9", "--origin", 1.38, 0, 1.63)
@@ -221,6 +320,9 @@ def test_an_import_keeps_what_is_stated(tmp_path: Path, cli: Cli) -> None:
     code, _, said = cli(*arguments, "--own-points", "ring=2")
     assert (code, said.count("\n")) == (1, 1)
     assert "clouds/000002.bin: found the fields x y z intensity, expected 'ring' among them" in said
+    code, _, said = cli(*arguments, "--own-points", "=3")
+    assert code == 2
+    assert "own_points.field: found '', expected the name of a field of the files" in said
     code, _, said = cli(*arguments, "--own-points", "ring")
     assert code == 2
     assert "found 'ring', expected FIELD=FIRST[:LAST], such as ring=0:31." in said

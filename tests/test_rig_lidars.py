@@ -19,6 +19,7 @@ from semcal_cli import errors
 from semcal_cli.cli.jobs import failure_sentence
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
+from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.poses import compare_poses, inverse
 from semcal_cli.many.rig.adjustment import adjust
 from semcal_cli.many.rig.further_lidar import (
@@ -30,6 +31,7 @@ from semcal_cli.many.rig.further_lidar import (
 from semcal_cli.many.rig.rig_calibration import combine
 from semcal_cli.many.rig.rig_document import read_rig
 from semcal_cli.many.rig.rig_page import rig_verdict
+from semcal_cli.many.rig.sweep_registration import SweepPair, read_sweep_pairs
 from semcal_cli.result.calibration_document import read_calibration
 
 
@@ -135,7 +137,8 @@ def test_drives_have_sweeps_and_images_of_their_own(lidars: Path, tmp_path: Path
         ("copy/camera_1_on_lidar_1", ".camera_0: found images of 'camera_1', expected those of 'camera_0'"),
         (
             "copy/camera_0",
-            ": found clouds of 'lidar' in the drive of 'camera_0', expected sweeps of another LiDAR",
+            ": found clouds of 'lidar' in the drive of 'camera_0', expected sweeps of another LiDAR, or "
+            "`lidar.own_points` with ranges of one field that do not overlap",
         ),
     ):
         document["lidars"] = {LIDAR: {"cameras": {"camera_0": drive}}}
@@ -143,6 +146,58 @@ def test_drives_have_sweeps_and_images_of_their_own(lidars: Path, tmp_path: Path
         with pytest.raises(InputError) as caught:
             read_rig(path).read_drives()
         assert str(caught.value) == f"{path}: lidars.{LIDAR}.cameras{complaint}"
+
+
+def merge_clouds(rig: Path) -> None:
+    """Write the points of both LiDARs to the same clouds, with their numbers, by which the drives name them."""
+    (rig / "merged").mkdir()
+    for camera in NAMES:
+        folders = rig / camera, rig / f"{camera}_on_{LIDAR}"
+        documents = [yaml.safe_load((folder / "drive.yaml").read_text()) for folder in folders]
+        for frames in zip(*(document["frames"] for document in documents), strict=True):
+            cloud = rig / "merged" / Path(frames[0]["points"]).name
+            rows, labels = [], []
+            for number, (folder, frame) in enumerate(zip(folders, frames, strict=True), start=1):
+                points = np.fromfile(folder / frame["points"], "<f4").reshape(-1, 4)
+                rows.append(np.insert(points, 4, number, axis=1))
+                labels.append(np.fromfile(folder / frame["point_labels"], "<u4"))
+                frame |= {"points": str(cloud), "point_labels": str(cloud.with_suffix(".label"))}
+            np.concatenate(rows).tofile(cloud)
+            np.concatenate(labels).tofile(cloud.with_suffix(".label"))
+        for number, (folder, document) in enumerate(zip(folders, documents, strict=True), start=1):
+            document["point_columns"] = ["x", "y", "z", "intensity", "lidar"]
+            (folder / "drive.yaml").write_text(yaml.safe_dump(document))
+            state_own_points(folder, "lidar", number, number)
+
+
+def state_own_points(folder: Path, field: str, *ends: int) -> None:
+    document = yaml.safe_load((folder / "drive.yaml").read_text())
+    document.setdefault("lidar", {})["own_points"] = {"field": field, "range": [*ends]}
+    (folder / "drive.yaml").write_text(yaml.safe_dump(document))
+
+
+def test_drives_of_two_lidars_may_name_other_points_of_the_same_clouds(lidars: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copytree(lidars.parent, tmp_path / "rig")) / "rig.yaml"
+
+    def sweeps() -> list[SweepPair]:
+        drives = read_rig(path).read_drives()
+        return [*read_sweep_pairs([drives["camera_0"]], [drives[f"camera_0_on_{LIDAR}"]], SweepCache()).pairs]
+
+    apart = sweeps()
+    merge_clouds(path.parent)
+    merged = sweeps()
+    assert len(apart) == len(merged) == SMALL_LIDARS.num_frames
+    for pair, merged_pair in zip(apart, merged, strict=True):
+        for points, merged_points in zip(pair, merged_pair, strict=True):
+            np.testing.assert_array_equal(points, merged_points)
+    needed = re.escape(
+        "expected sweeps of another LiDAR, or `lidar.own_points` with ranges of one field that"
+    )
+    for field, *ends in (("lidar", 1, 2), ("intensity", 2, 2)):
+        for camera in NAMES:
+            state_own_points(path.parent / f"{camera}_on_{LIDAR}", field, *ends)
+        with pytest.raises(InputError, match=needed):
+            read_rig(path).read_drives()
 
 
 def test_a_missing_extra_is_named(lidars: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -173,12 +173,15 @@ def test_a_damaged_png_is_refused_without_words_of_libpng(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_chunk_of_a_png_that_no_image_needs_may_be_damaged(tmp_path: Path) -> None:
+def test_a_chunk_of_a_png_that_no_image_needs_may_be_damaged(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     image = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
     content = cv2.imencode(".png", image)[1].tobytes()
     note = b"\0\0\0\4tEXtnoteXXXX"
     (tmp_path / "a.png").write_bytes(content[:33] + note + content[33:])
     np.testing.assert_array_equal(read_image(tmp_path / "a.png"), image)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_all_sizes_are_judged_before_a_sweep_is_read(tmp_path: Path) -> None:

@@ -54,10 +54,12 @@ impl<T> Fields<T> {
 pub(super) fn find(names: &[&str], own: Option<&OwnPoints>) -> ParseResult<Fields<usize>> {
     let plain: Vec<String> = names.iter().map(|name| plain(name)).collect();
     let position = |wanted: &[&str]| wanted.iter().find_map(|w| plain.iter().position(|name| name == w));
-    let axis =
-        |name| position(&[name]).ok_or_else(|| format!("has {}, needs x, y and z", listed(names, SHOWN)));
+    let axis = |name| {
+        position(&[name]).ok_or_else(|| format!("has {}, needs x, y and z", listed("field", names, SHOWN)))
+    };
     let own = own.map(|own| {
-        position(&[&self::plain(&own.field)]).ok_or_else(|| own.missing_in(&listed(names, SHOWN_OF_OWN)))
+        let missing = || own.missing_in(&listed("field", names, SHOWN_OF_OWN));
+        position(&[&self::plain(&own.field)]).ok_or_else(missing)
     });
     Ok(Fields {
         xyz: [axis("x")?, axis("y")?, axis("z")?],
@@ -81,14 +83,15 @@ fn plain(name: &str) -> String {
 
 /// Number of fields that a message names, and where a user has to choose one of them.
 const SHOWN: usize = 8;
-const SHOWN_OF_OWN: usize = 32;
+pub(super) const SHOWN_OF_OWN: usize = 32;
 
-fn listed(names: &[&str], shown: usize) -> String {
-    let quoted: Vec<String> = names.iter().take(shown).map(|name| quoted(name.as_bytes())).collect();
+/// The names of things of a kind, such as fields, in a message.
+pub(super) fn listed(kind: &str, names: &[impl AsRef<str>], shown: usize) -> String {
+    let quoted: Vec<String> = names.iter().take(shown).map(|name| quoted(name.as_ref().as_bytes())).collect();
     match names.len() {
-        0 => "no field".into(),
-        all if all <= shown => format!("the fields {}", quoted.join(" ")),
-        all => format!("the fields {} and {} more", quoted.join(" "), all - shown),
+        0 => format!("no {kind}"),
+        all if all <= shown => format!("the {kind}s {}", quoted.join(" ")),
+        all => format!("the {kind}s {} and {} more", quoted.join(" "), all - shown),
     }
 }
 

@@ -49,7 +49,7 @@ pub struct PointCloud {
     /// Number of entries that were not finite or all zero, which are left out.
     pub num_no_returns: usize,
     /// Which of the file's entries are the points.
-    pub is_return: Vec<bool>,
+    pub is_kept: Vec<bool>,
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use npyz::{DType, Endianness, NpyHeader, Order, TypeChar, TypeStr};
 use zip::ZipArchive;
 
 use super::column::{Column, NumberKind, Scalar};
-use super::fields::{Fields, find, seconds_per_tick};
+use super::fields::{Fields, SHOWN_OF_OWN, find, listed, seconds_per_tick};
 use super::limit::{ParseResult, quoted};
 use super::own_points::OwnPoints;
 use super::reading::Reading;
@@ -18,6 +18,8 @@ use crate::file::{OpenFile, Stream};
 
 /// An array with more columns is an image rather than a table of points.
 const MAX_COLUMNS: u64 = 16;
+/// Fields of a table of numbers without names.
+const COLUMNS: [&str; 4] = ["x", "y", "z", "intensity"];
 
 pub(super) fn parse<'a>(bytes: &'a [u8], reading: &Reading) -> ParseResult<Table<'a>> {
     parse_table(bytes, reading, reading.own_points.as_ref())
@@ -72,9 +74,19 @@ fn parse_columns<'a>(
         Order::Fortran => (size * rows, size),
     };
     let column = |index: usize| column(dtype, index * between_columns, stride);
-    let names = ["x", "y", "z", "intensity"];
-    let indices = find(&names[..columns.min(names.len())], own)?;
+    let indices = find(&COLUMNS[..columns.min(COLUMNS.len())], own)?;
     Table::new(data, rows, indices.try_map(column)?, 1.0)
+}
+
+fn field_names(bytes: &[u8]) -> ParseResult<Vec<String>> {
+    let (header, _) = split_header(bytes)?;
+    Ok(match (header.dtype(), header.shape()) {
+        (DType::Record(fields), _) => fields.into_iter().map(|field| field.name).collect(),
+        (_, shape) => {
+            let num_columns = shape.get(1).map_or(0, |&count| count as usize);
+            COLUMNS.iter().take(num_columns).map(|&name| name.to_owned()).collect()
+        }
+    })
 }
 
 /// N numbers.
@@ -128,6 +140,10 @@ pub(super) fn parse_archive(bytes: &[u8], reading: &Reading) -> ParseResult<Tabl
     let indices = find(&names, own).or_else(|_| find(&names, None))?;
     let own_of_points = own.filter(|_| indices.own.is_none_or(|index| index < 3));
     let unpacked = arrays.unpack(points)?;
+    if let Some(own) = own_of_points {
+        arrays.explain(points, parse_table(&unpacked, reading, None))?;
+        arrays.check_own(own, points, &unpacked)?;
+    }
     let parsed = parse_table(&unpacked, reading, own_of_points);
     let mut table = arrays.explain(points, parsed)?.into_owned();
     drop(unpacked);
@@ -178,6 +194,21 @@ impl<R: Read + Seek> Arrays<R> {
         named.ok_or_else(|| {
             let found: Vec<String> = self.names.iter().take(8).map(|name| quoted(name.as_bytes())).collect();
             format!("holds the arrays '{}', needs one of '{}'", found.join(" "), POINTS.join(" "))
+        })
+    }
+
+    /// Checks that a field of the points, none of the arrays, tells the LiDAR's own points.
+    fn check_own(&self, own: &OwnPoints, points: usize, unpacked: &[u8]) -> ParseResult<()> {
+        let fields = field_names(unpacked)?;
+        let names: Vec<&str> = ["x", "y", "z"].into_iter().chain(fields.iter().map(String::as_str)).collect();
+        find(&names, Some(own)).map(drop).map_err(|_| {
+            let fields = listed("field", &fields, SHOWN_OF_OWN);
+            if self.names.len() == 1 {
+                return own.missing_in(&fields);
+            }
+            let name = self.names.get(points).map(String::as_bytes).unwrap_or_default();
+            let arrays = listed("array", &self.names, SHOWN_OF_OWN);
+            own.missing_in(&format!("{arrays}, and {fields} in {}", quoted(name)))
         })
     }
 

@@ -1,5 +1,6 @@
 //! Which points of a cloud are the LiDAR's own, where a cloud holds those of several LiDARs.
 
+use super::column::Scalar;
 use super::limit::quoted;
 
 /// A field of the files, and the values that it has at the LiDAR's own points.
@@ -15,9 +16,9 @@ pub struct OwnPoints {
 const KEY: &str = "lidar.own_points states (--own-points at import)";
 
 impl OwnPoints {
-    pub(super) fn contains(&self, value: f64) -> bool {
-        let [first, last] = self.range;
-        first <= value && value <= last
+    /// The ends of the range as numbers of a type: the float32 of a decimal number is another one than its float64.
+    pub(super) fn range_as(&self, scalar: Scalar) -> [f64; 2] {
+        self.range.map(|end| if scalar == Scalar::F32 { f64::from(end as f32) } else { end })
     }
 
     /// The refusal of a file without the field.
@@ -25,11 +26,16 @@ impl OwnPoints {
         format!("found {fields}, expected '{}' among them, which {KEY}", quoted(self.field.as_bytes()))
     }
 
-    /// The refusal of a file whose values, from the smallest to the largest, are all others.
-    pub(super) fn none_among(&self, [smallest, largest]: [f64; 2]) -> String {
+    /// The refusal of a file without a point in the range; `span` is from the smallest number to the largest, if there
+    /// is one.
+    pub(super) fn none_among(&self, span: Option<[f64; 2]>, scalar: Scalar) -> String {
         let ([first, last], field) = (self.range, quoted(self.field.as_bytes()));
-        format!(
-            "found no point whose '{field}' is from {first} to {last}, as {KEY}, but values from {smallest} to {largest}"
-        )
+        let shown =
+            |value: f64| if scalar == Scalar::F32 { (value as f32).to_string() } else { value.to_string() };
+        let found = span.map_or_else(
+            || format!("no number in '{field}'"),
+            |ends| format!("'{field}' from {}", ends.map(shown).join(" to ")),
+        );
+        format!("found {found}, expected points from {first} to {last}, as {KEY}")
     }
 }

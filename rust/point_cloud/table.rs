@@ -77,13 +77,13 @@ impl<'a> Table<'a> {
     pub(super) fn decode(&self) -> (PointCloud, ReturnMask) {
         let (points, returns) = self.returns();
         let num_no_returns = self.num_records - returns.count;
-        let (points, returns) = match self.own_entries() {
-            Some((own, column)) => returns.narrowed(&points, &self.holds(own, column)),
+        let (points, returns) = match self.own_column() {
+            Some((own, column)) => returns.narrowed(&points, &self.own_mask(own, column)),
             None => (points, returns),
         };
         let cloud = PointCloud {
             num_no_returns,
-            is_return: returns.keep.clone(),
+            is_kept: returns.keep.clone(),
             intensity: self.columns.intensity.map(|column| floats(&column, &self.bytes, &returns)),
             ring: self.columns.ring.and_then(|column| whole_numbers(&column, &self.bytes, &returns).ok()),
             time: self.columns.time.map(|column| self.seconds(&column, &returns)),
@@ -114,27 +114,33 @@ impl<'a> Table<'a> {
         if !cloud.points.is_empty() {
             return Ok(());
         }
-        match self.own_entries() {
+        match self.own_column() {
             _ if self.num_records == 0 => Err("holds no points".into()),
             Some((own, column)) if cloud.num_no_returns < self.num_records => {
-                let mut span = [f64::INFINITY, f64::NEG_INFINITY];
-                let widen = |value: f64| span = [span[0].min(value), span[1].max(value)];
-                column.for_each(&self.bytes, self.num_records, widen);
-                Err(own.none_among(span))
+                Err(own.none_among(self.span_of_returns(column), column.scalar))
             }
             _ => Err("holds no returns: every point is zero or not finite".into()),
         }
     }
 
-    fn own_entries(&self) -> Option<(&OwnPoints, &Column)> {
+    /// The smallest and the largest finite value of the returns.
+    fn span_of_returns(&self, column: &Column) -> Option<[f64; 2]> {
+        let (_, returns) = self.returns();
+        let values = returns.gather(column, &self.bytes, |value| value).into_iter();
+        let ends = values.filter(|value| value.is_finite()).map(|value| [value, value]);
+        ends.reduce(|[smallest, largest], [value, _]| [smallest.min(value), largest.max(value)])
+    }
+
+    fn own_column(&self) -> Option<(&OwnPoints, &Column)> {
         self.own_points.as_ref().zip(self.columns.own.as_ref())
     }
 
     /// Whether each entry is the LiDAR's own.
-    fn holds(&self, own: &OwnPoints, column: &Column) -> Vec<bool> {
-        let mut are_own = Vec::with_capacity(self.num_records);
-        column.for_each(&self.bytes, self.num_records, |value| are_own.push(own.contains(value)));
-        are_own
+    fn own_mask(&self, own: &OwnPoints, column: &Column) -> Vec<bool> {
+        let [first, last] = own.range_as(column.scalar);
+        let mut is_own = Vec::with_capacity(self.num_records);
+        column.for_each(&self.bytes, self.num_records, |value| is_own.push(first <= value && value <= last));
+        is_own
     }
 
     fn seconds(&self, column: &Column, returns: &ReturnMask) -> Vec<f64> {
@@ -173,12 +179,12 @@ impl ReturnMask {
         &self.keep
     }
 
-    /// The points and the mask of those returns that some of the entries are.
-    fn narrowed(self, points: &[[f32; 3]], entries: &[bool]) -> (Vec<[f32; 3]>, Self) {
-        let returns = self.keep.iter().zip(entries).filter(|(is_return, _)| **is_return);
+    /// Keeps only returns whose entry is in the mask.
+    fn narrowed(self, points: &[[f32; 3]], mask: &[bool]) -> (Vec<[f32; 3]>, Self) {
+        let returns = self.keep.iter().zip(mask).filter(|(is_return, _)| **is_return);
         let points = points.iter().zip(returns).filter(|(_, (_, is_kept))| **is_kept);
         let points: Vec<[f32; 3]> = points.map(|(&point, _)| point).collect();
-        let keep = self.keep.iter().zip(entries).map(|(&is_return, &is_kept)| is_return & is_kept).collect();
+        let keep = self.keep.iter().zip(mask).map(|(&is_return, &is_kept)| is_return & is_kept).collect();
         let count = points.len();
         (points, Self { keep, count })
     }

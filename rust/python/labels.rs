@@ -27,7 +27,7 @@ pub(super) struct PyPointCloud {
     labels: Option<Py<PyArray1<u16>>>,
     label_shares: Option<Py<PyClassShares>>,
     num_no_returns: usize,
-    is_return: Py<PyArray1<bool>>,
+    is_kept: Py<PyArray1<bool>>,
 }
 
 impl PyPointCloud {
@@ -44,7 +44,7 @@ impl PyPointCloud {
                 .map(|shares| Py::new(py, PyClassShares(shares.into())))
                 .transpose()?,
             num_no_returns: cloud.num_no_returns,
-            is_return: cloud.is_return.into_pyarray(py).unbind(),
+            is_kept: cloud.is_kept.into_pyarray(py).unbind(),
         })
     }
 }

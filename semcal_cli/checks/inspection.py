@@ -26,7 +26,7 @@ from semcal_cli.checks.seam import check_seam
 from semcal_cli.checks.shifted_labels import check_label_alignment
 from semcal_cli.checks.stamp_gap import check_gap
 from semcal_cli.checks.sweep_motion import check_readout, check_sweep_motion, has_direction
-from semcal_cli.checks.wrong_origin import check_origin, check_viewpoint
+from semcal_cli.checks.wrong_origin import WRONG_ORIGIN, check_origin, check_viewpoint
 from semcal_cli.config import MAX_FRAMES
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
@@ -199,11 +199,10 @@ def _suspicions_of_frames(
 ) -> list[str]:
     observations = probe.observations
     return [
-        *_check_scale(probe),
+        *_check_scale_and_origin(probe),
         *_sentences(check_class_names(*_class_names(frames))),
         *motion.suspicions,
         *_check_times(probe.drive, probe.clouds),
-        *_sentences(check_origin(drive, probe.points)),
         *_sentences(check_readout(drive, probe.points)),
         *_sentences(() if observations is None else check_mirroring(observations)),
         *_sentences(_check_labels(drive, frames)),
@@ -331,13 +330,19 @@ def _check_masks(drive: Drive) -> tuple[tuple[float, float] | None, list[str]]:
     return None if errors else (min(shares), max(shares)), [*errors]
 
 
-def _check_scale(probe: _Probe) -> list[str]:
+def _check_scale(probe: _Probe) -> tuple[Finding, ...]:
     if far := check_range(probe.median_range_m):
-        return _sentences(far)
+        return far
     if probe.observations is not None:
         return check_scale(probe.observations)
-    lidar = probe.drive.lidar
-    return check_ranges(probe.points) if lidar is None else check_ranges(probe.points, lidar.origin_m)
+    return check_ranges(probe.points, probe.drive.origin_m)
+
+
+def _check_scale_and_origin(probe: _Probe) -> list[str]:
+    of_scale, of_origin = _check_scale(probe), check_origin(probe.drive, probe.points)
+    # A wrong place is named once: neighbours of rays show the right one, ranges and sizes only that it is wrong.
+    told = [finding for finding in of_scale if not (of_origin and finding.topic == WRONG_ORIGIN.topic)]
+    return _sentences([*told, *of_origin])
 
 
 def _check_times(drive: Drive, clouds: Sequence[SweepCloud]) -> list[str]:

@@ -119,14 +119,14 @@ def check_range(range_m: float) -> tuple[Finding, ...]:
     return FAR_POINTS.measured(range_m, f"half of the points are {range_m:,.0f} m away or more").findings
 
 
-def check_scale(observations: Observations) -> list[str]:
+def check_scale(observations: Observations) -> tuple[Finding, ...]:
     """Compare ranges, the sensor's height and sizes with what is usual.
 
     Args:
         observations: Vectors with classes; the names of the classes tell what is ground, a car or a person.
 
     Returns:
-        A sentence if the clouds may not be in metres, or if the stated place of the rays makes it look so.
+        A finding if the clouds may not be in metres, or if the stated place of the rays makes it look so.
     """
     few = evenly_spaced(range(observations.num_frames), NUM_FRAMES)
     clouds = [observations.clouds[index] for index in few]
@@ -141,7 +141,7 @@ def check_scale(observations: Observations) -> list[str]:
     return _judge(_measures(rays, classes), observations.origin_m, lambda: _measures(clouds, classes))
 
 
-def check_ranges(rays: Sequence[Points], origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> list[str]:
+def check_ranges(rays: Sequence[Points], origin_m: Sequence[float]) -> tuple[Finding, ...]:
     """Compare ranges alone with what is usual, as `check_scale` does.
 
     Args:
@@ -155,21 +155,23 @@ def check_ranges(rays: Sequence[Points], origin_m: Sequence[float] = (0.0, 0.0, 
     )
 
 
-def _judge(measures: Measures, origin_m: Sequence[float], from_zero: Callable[[], Measures]) -> list[str]:
+def _judge(
+    measures: Measures, origin_m: Sequence[float], from_zero: Callable[[], Measures]
+) -> tuple[Finding, ...]:
     """Blame the stated place of the rays, from which `measures` are, where those from the points' origin are usual."""
-    note, unusual = judge_scale(measures), measures.unusual
-    if not (note and any(origin_m)) or judge_scale(from_zero()):
-        return note
+    findings = judge_scale(measures)
+    if not (findings and any(origin_m)) or judge_scale(from_zero()):
+        return findings
     stated = f"`origin_m: {place_text(np.array(origin_m))}` under `lidar:` may be wrong"
-    seen = f"seen from there, {'; '.join(unusual)}, and seen from the origin of the points, all is as usual"
-    return [WRONG_ORIGIN.finding(f"{stated}: {seen}").sentence]
+    seen = f"seen from there, {'; '.join(measures.unusual)}, and seen from the origin of the points, all is as usual"
+    return (WRONG_ORIGIN.finding(f"{stated}: {seen}"),)
 
 
-def judge_scale(measures: Measures) -> list[str]:
+def judge_scale(measures: Measures) -> tuple[Finding, ...]:
     """Judge the measures of a drive, which are in metres if the clouds are."""
     if not (unusual := measures.unusual):
-        return []
-    return [CLOUD_UNIT.finding(f"clouds may not be in metres{measures.as_if}: {'; '.join(unusual)}").sentence]
+        return ()
+    return (CLOUD_UNIT.finding(f"clouds may not be in metres{measures.unit_text}: {'; '.join(unusual)}"),)
 
 
 class Measures(NamedTuple):
@@ -183,7 +185,7 @@ class Measures(NamedTuple):
     """Heights of the things of each kind."""
 
     @property
-    def as_if(self) -> str:
+    def unit_text(self) -> str:
         """The unit that sizes suggest, or their ratio to the usual ones; empty if they are as usual."""
         if (ratio := _ratio(self.heights_m)) is None:
             return ""

@@ -41,9 +41,11 @@ WRONG_ORIGIN = Check(
             ),
         ),
         meaning="Seen from the stated place, near surfaces lie behind far ones, and what looks like an edge is none.",
-        cause="Points are in the frame of the vehicle, as those of DDAD and Argoverse 2, or columns are swapped.",
-        remedy="State `origin_m: [x, y, z]` under `lidar:`, or `--origin X Y Z` at import. The place is good to 20 cm; "
-        "the data set's own is better.",
+        cause="Points are in the frame of the vehicle, as those of DDAD and Argoverse 2, the stated place is wrong, or "
+        "columns are swapped.",
+        remedy="Correct or remove `origin_m` where the drive states it. Otherwise state `origin_m: [x, y, z]` under "
+        "`lidar:`, or `--origin X Y Z` at import. The place that is found is good to 20 cm; the data set's own is "
+        "better.",
     ),
 )
 VIEWPOINT_UNUSED = Check(
@@ -76,10 +78,11 @@ def check_origin(drive: Drive, clouds: Sequence[Points]) -> tuple[Finding, ...]:
     # Where rays do not start, a place a metre away is better: one sweep tells, and most drives end here.
     if not find_ray_origin(clouds[:1], STEPS_M[:1]).origin_m.any():
         return ()
-    found = find_ray_origin(clouds)
+    stated_m = np.array(drive.origin_m)
+    # From a stated place that is far off, a descent does not come back to the points' own origin.
+    found = find_ray_origin(clouds, start_m=-stated_m)
     if not found.is_clear or np.linalg.norm(found.origin_m) < MIN_DISTANCE_M:
         return ()
-    stated_m = np.zeros(3) if drive.lidar is None else np.array(drive.lidar.origin_m)
     here, there = (place_text(place) for place in (stated_m, stated_m + found.origin_m))
     what = f"`origin_m: {there}` under `lidar:` states where the rays start"
     if found.is_at_limit:
@@ -98,7 +101,7 @@ def check_viewpoint(drive: Drive) -> tuple[Finding, ...]:
     The first file of the drive is read, which has to be there.
     """
     first = drive.resolve(drive.frames[0].points)
-    if first.suffix.lower() != ".pcd" or (drive.lidar is not None and any(drive.lidar.origin_m)):
+    if first.suffix.lower() != ".pcd" or any(drive.origin_m):
         return ()
     stated = VIEWPOINT.search(read_start(first, HEADER_BYTES))
     place_m = np.array([0.0, 0.0, 0.0] if stated is None else stated[1].split(), float)

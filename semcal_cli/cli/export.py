@@ -218,6 +218,7 @@ def colmap(settings: ColmapSettings) -> None:
     check_suffix(settings.output, ".json")
     rig, terminal = find_rig(settings.drive), settings.terminal()
     if rig is None:
+        # What is wrong with a file that is no drive either comes first.
         read_drive(settings.drive, settings.max_points)
         raise InputError(
             f"{settings.drive}: found a drive, expected a rig.yaml, whose cameras are a rig of COLMAP"

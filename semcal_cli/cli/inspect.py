@@ -136,14 +136,13 @@ def _print_origin(drive: Drive) -> None:
     from semcal_cli.observations.reading import read_clouds
 
     clouds = read_clouds(with_few_frames(drive, NUM_SWEEPS))
-    found = find_ray_origin([drive.rays(cloud.points) for cloud in clouds])
+    found = find_ray_origin([drive.rays(cloud.points) for cloud in clouds], start_m=-np.array(drive.origin_m))
     if found.is_at_limit:
         raise CalibrationError(
             f"{drive.path}: the rays seem to start more than {FARTHEST_M:.0f} m from where they are taken to start, or "
             "the columns of the files are mixed up; state `origin_m` under `lidar:`, or `point_columns`"
         )
-    stated_m = np.zeros(3) if drive.lidar is None else np.array(drive.lidar.origin_m)
-    click.echo(f"origin_m: {place_text(stated_m + found.origin_m)}")
+    click.echo(f"origin_m: {place_text(np.array(drive.origin_m) + found.origin_m)}")
     jumps = f"seen from the place that is stated, ranges of neighbouring rays jump {found.ratio:.1f} times as much"
     clear = ", which does not speak against it" if not found.is_clear else ""
     click.echo(f"under `lidar:` in drive.yaml, good to some 20 cm; {jumps}{clear}", err=True)

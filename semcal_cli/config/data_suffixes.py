@@ -14,13 +14,7 @@ _KINDS = {
     "an image": IMAGE_SUFFIXES,
     "point labels": (".label",),
 }
-"""Kinds of data by their suffixes; the first that has one counts."""
-
-
-def stem(path: Path) -> str:
-    """Remove the suffix from a file's name; `.pcd.bin` counts as one suffix."""
-    suffix = next((suffix for suffix in CLOUD_SUFFIXES if path.name.endswith(suffix)), path.suffix)
-    return path.name.removesuffix(suffix)
+"""Kinds of data by their suffixes; the first kind that lists the suffix counts."""
 
 
 def kind_of_data(path: Path) -> str | None:

@@ -59,12 +59,12 @@ RIG_FOUND = (
 EXAMPLE_RIG = f"{{{RIG}: 1, cameras: {{left: left_drive, right: right_drive}}}}"
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
 """Version keys of files with a transform, found in place of a drive if arguments are in the wrong order."""
-IMPORT = shell(
+IMPORT_COMMAND = shell(
     *("import", "folder", "--points", "GLOB", "--images", "GLOB", "--camera-info", "FILE", "-o", "my_drive")
 )
 """Command that makes a drive of clouds and images."""
 START_BYTES = 1024
-"""Bytes at the start of a file among which a text has no zero."""
+"""Number of bytes searched for a zero, which no text has."""
 DEFAULT_CLOCK_SIGMA_S = 0.02
 """Standard deviation of the clock of a camera without a trigger, in seconds."""
 MAX_OFFSET_S = 1.0
@@ -273,6 +273,11 @@ class Drive(StrictModel):
         """Locate a file of the drive. Absolute names stay as they are; neither `~` nor `$VAR` is expanded."""
         return self.root / relative
 
+    @property
+    def origin_m(self) -> tuple[float, ...]:
+        """Where the rays of the LiDAR start (3,), metres, LiDAR frame."""
+        return (0.0, 0.0, 0.0) if self.lidar is None else self.lidar.origin_m
+
     def rays(self, points: Points) -> Points:
         """Compute the vectors (N, 3) from where the LiDAR's rays start to points (N, 3), metres, LiDAR frame."""
         return points if self.lidar is None else self.lidar.rays(points)
@@ -336,7 +341,7 @@ def _check_no_data(file: Path) -> None:
     if kind is not None:
         needed = f"a {DRIVE_FILE} or its folder"
         raise InputError(
-            f"{file}: found {kind}, expected {needed}; `{IMPORT}` makes one of clouds and images"
+            f"{file}: found {kind}, expected {needed}; `{IMPORT_COMMAND}` makes one of clouds and images"
         )
 
 

@@ -47,17 +47,31 @@ class Spin(StrictModel):
 class OwnPoints(StrictModel):
     """The LiDAR's own points in clouds that hold those of several LiDARs."""
 
-    field: Annotated[str, Field(min_length=1, max_length=MAX_FIELD_LENGTH)]
-    """Field of the files that tells them: `ring`, the number of a LiDAR, or any other."""
+    field: Annotated[str, Field(max_length=MAX_FIELD_LENGTH, json_schema_extra={"minLength": 1})]
+    """Field of the files that tells the LiDARs apart: `ring`, the number of a LiDAR, or any other."""
     range: Annotated[tuple[float, ...], length(2, 2)]
     """Its smallest and its largest value at the LiDAR's own points."""
 
+    @field_validator("field")
+    @classmethod
+    def _check_field(cls, value: str) -> str:
+        if value in ("", "_"):
+            found = "'_', a column that is not used" if value else "''"
+            raise mismatch(found, "the name of a field of the files")
+        return value
+
     @field_validator("range")
     @classmethod
-    def _check_range(cls, range: tuple[float, ...]) -> tuple[float, ...]:
-        if range[0] > range[1]:
-            raise mismatch(list(range), "the smallest and the largest value, in this order")
-        return range
+    def _check_range(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if value[0] > value[1]:
+            raise mismatch(list(value), "the smallest and the largest value, in this order")
+        return value
+
+    def is_apart_from(self, other: OwnPoints) -> bool:
+        """Return whether no point of a cloud can be among both: ranges of one field do not overlap."""
+        field, other_field = (own.field.lower().removeprefix("scalar_") for own in (self, other))
+        (first, last), (other_first, other_last) = self.range, other.range
+        return field == other_field and (last < other_first or other_last < first)
 
 
 class ScanPattern(NamedTuple):

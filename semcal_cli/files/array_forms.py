@@ -78,7 +78,7 @@ class ArrayCloud:
 
     points: Points
     """(N, 3) metres, LiDAR frame, without no-returns: entries that are not finite or all zero."""
-    is_return: Mask
+    is_kept: Mask
     """Which of the given entries are points."""
     intensity: Values | None
     """(N,) as given."""
@@ -94,7 +94,7 @@ class ArrayCloud:
     @property
     def num_no_returns(self) -> int:
         """Number of no-returns that were left out."""
-        return len(self.is_return) - len(self.points)
+        return len(self.is_kept) - len(self.points)
 
 
 SweepCloud: TypeAlias = core.PointCloud | ArrayCloud
@@ -125,7 +125,7 @@ def cloud_of(
     point_labels = None if labels is None else labels_of(labels[0], labels[1][selection])
     return ArrayCloud(
         points=np.ascontiguousarray(xyz[selection]),
-        is_return=is_return,
+        is_kept=is_return,
         intensity=np.ascontiguousarray(columns[selection, 3]) if columns.shape[1] > 3 else None,
         time=None if times is None else np.ascontiguousarray(times[selection], np.float64),
         labels=point_labels if isinstance(point_labels, np.ndarray) else None,

@@ -59,20 +59,24 @@ def read_las(path: Path, file: BinaryIO, further: str | None = None) -> Array:
     """Read the points of a checked file as records, with a further field of the file, which has to have it.
 
     Raises:
-        InputError: the file holds no points, or has no such field.
+        InputError: the file holds no points, or has no such field of one number.
     """
     import laspy
 
     # The parallel backend aborts the process when a damaged file makes two of its threads panic.
     backend = laspy.LazBackend.Lazrs
     with laspy.open(file, read_evlrs=False, closefd=False, laz_backend=backend) as reader:
-        dimensions = list(reader.header.point_format.dimension_names)
+        point_format = reader.header.point_format
+        dimensions = list(point_format.dimension_names)
         sources = {
             **{axis: axis for axis in "xyz"},
             **{name: field for field, name in FIELDS.items() if field in dimensions},
         }
         if further is not None:
-            sources |= _further(path, further, dimensions, sources)
+            sources |= (found := _further(path, further, dimensions, sources))
+            for field in found:
+                if point_format.dimension_by_name(field).num_elements != 1:
+                    raise InputError(f"{path}: field {describe(field)} is not a single number")
         chunks = []
         for chunk in reader.chunk_iterator(CHUNK):
             columns = {name: np.asarray(chunk[field]) for name, field in sources.items()}

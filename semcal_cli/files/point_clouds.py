@@ -53,7 +53,7 @@ class _Library(NamedTuple):
         """
         try:
             yield
-        except InputError:
+        except (InputError, MemoryError):
             raise
         except BaseException as error:
             if not isinstance(error, Exception) and type(error).__name__ != "PanicException":

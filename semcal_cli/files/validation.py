@@ -165,6 +165,7 @@ _NEEDED = {
     "model_type": "a mapping",
     "tuple_type": "a list",
     "none_required": "null",
+    "string_too_long": "at most {max_length} characters",
     "too_short": "at least {min_length}",
     "too_long": "at most {max_length}",
     "greater_than": "more than {gt}",

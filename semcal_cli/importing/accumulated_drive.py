@@ -183,8 +183,8 @@ def _document(drive: Drive, path: Path) -> dict[str, Any]:
     if isinstance(drive.camera.mask, str):
         document["camera"]["mask"] = relative_name(drive, drive.camera.mask, path)
     # A cloud of many sweeps has neither the pattern of one nor a time for each point.
-    if drive.lidar is not None and any(drive.lidar.origin_m):
-        document["lidar"] = {"origin_m": list(drive.lidar.origin_m)}
+    if any(drive.origin_m):
+        document["lidar"] = {"origin_m": list(drive.origin_m)}
     if drive.motion is not None and drive.motion.speed_m_s is None:
         document["motion"]["point_times"] = "deskewed"
         if drive.motion.poses is not None:

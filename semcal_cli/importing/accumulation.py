@@ -101,8 +101,7 @@ class Accumulation:
         """Number of frames with an image whose sweep became part of another one's cloud."""
         self.has_intensity: bool | None = None
         """Whether sweeps have intensities; None before the first is read."""
-        lidar = drive.lidar
-        self._origin_m = np.array((0.0, 0.0, 0.0) if lidar is None else lidar.origin_m)
+        self._origin_m = np.array(drive.origin_m)
         """(3,) where the rays of a sweep start, metres, LiDAR frame."""
         self._motion = drive.motion
         if self._motion is not None and self._motion.speed_m_s is not None:

@@ -9,10 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from semcal_cli.config.data_suffixes import IMAGE_LABEL_SUFFIXES, POINT_LABEL_SUFFIXES, stem
+from semcal_cli.config.data_suffixes import IMAGE_LABEL_SUFFIXES, POINT_LABEL_SUFFIXES
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError, counted
 from semcal_cli.importing.dataset_tree import files_by_stem
+from semcal_cli.importing.file_pairing import stem
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Conversion, Recording, SourceFrame
 from semcal_cli.observations.frame_selection import evenly_spaced, select_frames

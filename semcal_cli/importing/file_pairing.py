@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.config.data_suffixes import stem
+from semcal_cli.config.data_suffixes import CLOUD_SUFFIXES
 from semcal_cli.errors import InputError, counted
 from semcal_cli.formats.node import MAX_STAMP_S
 
@@ -26,6 +26,12 @@ DATE = re.compile(
 """Date and time, with milliseconds, microseconds or nanoseconds; whole seconds are too coarse to pair by."""
 PADDED = (3, 6, 9)
 """Numbers of digits of milliseconds, microseconds and nanoseconds."""
+
+
+def stem(path: Path) -> str:
+    """Remove the suffix from a file's name; `.pcd.bin` counts as one suffix."""
+    suffix = next((suffix for suffix in CLOUD_SUFFIXES if path.name.endswith(suffix)), path.suffix)
+    return path.name.removesuffix(suffix)
 
 
 def stamps_s(files: Sequence[Path]) -> dict[Path, float]:

@@ -16,7 +16,6 @@ from semcal_cli.config.data_suffixes import (
     IMAGE_LABEL_SUFFIXES,
     IMAGE_SUFFIXES,
     POINT_LABEL_SUFFIXES,
-    stem,
 )
 from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType, may_be_shares
@@ -37,7 +36,7 @@ from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.bin_columns import column_doubts
 from semcal_cli.importing.body_frames import body_frame_doubts
-from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
+from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s, stem
 from semcal_cli.importing.recording import Recording, SourceFrame
 from semcal_cli.observations.point_times import deduced_unit
 

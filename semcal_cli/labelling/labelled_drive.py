@@ -154,8 +154,8 @@ def _prepare_folder(drive: Drive, side: LabelSide, root: Path, force: bool, by_c
     folder = root / (side.folder or side.key)
     make_folder(folder, root)
     record, settings = folder / RECORD, dict(side.settings)
-    if side.key == "point_labels" and drive.lidar is not None and any(drive.lidar.origin_m):
-        settings["origin_m"] = list(drive.lidar.origin_m)
+    if side.key == "point_labels" and any(drive.origin_m):
+        settings["origin_m"] = list(drive.origin_m)
     if side.key == "point_labels" and drive.lidar is not None and drive.lidar.own_points is not None:
         settings["own_points"] = drive.lidar.own_points.model_dump(mode="json")
     if not by_content:

@@ -206,12 +206,12 @@ def _point_side(
     def label(drive: Drive, frame: Frame) -> bytes:
         single_frame = drive.model_copy(update={"frames": (frame.model_copy(update={"point_labels": None}),)})
         (cloud,) = read_clouds(single_frame)
-        labels = np.full(len(cloud.is_return), no_return, "<u4")
+        labels = np.full(len(cloud.is_kept), no_return, "<u4")
         with name_in_errors(drive.resolve(frame.points)):
             rays = drive.rays(points := cloud.points)
             if rays is not points:
-                cloud = ArrayCloud(rays, cloud.is_return, cloud.intensity, cloud.time, None, None, cloud.ring)
-            labels[cloud.is_return] = label_points(cloud)
+                cloud = ArrayCloud(rays, cloud.is_kept, cloud.intensity, cloud.time, None, None, cloud.ring)
+            labels[cloud.is_kept] = label_points(cloud)
         return labels.tobytes()
 
     def is_whole(_: Drive, path: Path) -> bool:

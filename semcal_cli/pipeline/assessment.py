@@ -262,7 +262,8 @@ def _judge(pose: _AssessedPose, on_event: Listener, *, with_label_bleed: bool) -
             *rivals,
             *tested.measured,
         )
-        notes = (*frames.notes, *tested.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
+        notes_on_scale = (finding.sentence for finding in of_scale.result())
+        notes = (*frames.notes, *tested.notes, *notes_on_intrinsics(camera, cost), *notes_on_scale)
     assessment = replace(assessment, checked_intrinsics=tested.checked)
     if uncertainty is None:
         undetermined = check_uncertainty(None, with_priors=with_priors)

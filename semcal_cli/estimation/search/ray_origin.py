@@ -4,9 +4,9 @@ Seen from where its rays start, a sweep is a range image: neighbouring rays most
 elsewhere, near and far surfaces lie behind one another, and ranges of neighbours jump. The mean jump has one broad
 minimum (tests/benchmarks/ray_origin.py).
 
-One place stands for all points. Where a cloud holds the points of several LiDARs, its parts do not tell: places that
-are found in quarters of sweeps of one LiDAR are up to metres apart (`--quarters` of the same script), as far as those
-of DDAD's four. Along the view of a quarter, a place hardly changes the ranges of neighbours.
+One place stands for all points. A cloud of several LiDARs cannot be divided this way: for one LiDAR, the places found
+in quarters of a sweep differ by metres, as much as the places of DDAD's four LiDARs do (`--quarters` of the same
+script). Along the view of a quarter, a place hardly changes the ranges of neighbours.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MAX_POINTS = 60_000
 STEPS_M = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
 """Steps of the descent along the axes, one after the other."""
 FARTHEST_M = 4.0
-"""Limit of each coordinate: far away, all rays are alike."""
+"""Limit of each coordinate from the start: far away, all rays are alike."""
 AT_LIMIT_M = FARTHEST_M - 0.25
 """Coordinate from which the search may have ended at its limit: descents of moved sweeps ended up to 7 cm before it."""
 
@@ -51,6 +51,8 @@ class RayOrigin(NamedTuple):
     """Mean jump of the logarithm of the range between neighbours, seen from there."""
     roughness_stated: float
     """The same seen from the origin of the points."""
+    start_m: Vector
+    """(3,) where the descent began, metres."""
 
     @property
     def ratio(self) -> float:
@@ -65,29 +67,42 @@ class RayOrigin(NamedTuple):
     @property
     def is_at_limit(self) -> bool:
         """Whether rays may start farther away than was searched."""
-        return bool(np.abs(self.origin_m).max() > AT_LIMIT_M)
+        return bool(np.abs(self.origin_m - self.start_m).max() > AT_LIMIT_M)
 
 
-def find_ray_origin(clouds: Sequence[Points], steps_m: Sequence[float] = STEPS_M) -> RayOrigin:
+def find_ray_origin(
+    clouds: Sequence[Points], steps_m: Sequence[float] = STEPS_M, start_m: Vector | None = None
+) -> RayOrigin:
     """Find where the rays of sweeps of one LiDAR start, by descent from the origin of their points.
 
     Args:
         clouds: Points (N, 3) of each sweep, metres.
         steps_m: Steps of the descent, metres.
+        start_m: Another place (3,) where a second descent begins, metres, if there is one. The better end counts.
     """
     sweeps = [_thinned(cloud) for cloud in clouds]
-    origin_m = np.zeros(3)
-    stated = best = _roughness(sweeps, origin_m)
+    found = _descend(sweeps, steps_m, np.zeros(3))
+    if start_m is None or not start_m.any():
+        return found
+    other = _descend(sweeps, steps_m, start_m)._replace(roughness_stated=found.roughness_stated)
+    return min(found, other, key=lambda end: end.roughness)
+
+
+def _descend(
+    sweeps: Sequence[npt.NDArray[np.float64]], steps_m: Sequence[float], start_m: Vector
+) -> RayOrigin:
+    origin_m = start_m
+    start = best = _roughness(sweeps, origin_m)
     for step_m in steps_m:
         is_better = True
         while is_better:
             places = origin_m + step_m * np.vstack([np.eye(3), -np.eye(3)])
-            places = places[np.abs(places).max(axis=1) <= FARTHEST_M]
+            places = places[np.abs(places - start_m).max(axis=1) <= FARTHEST_M]
             values = [_roughness(sweeps, place) for place in places]
             is_better = min(values) < best
             if is_better:
                 best, origin_m = min(values), places[int(np.argmin(values))]
-    return RayOrigin(origin_m, best, stated)
+    return RayOrigin(origin_m, best, start, start_m)
 
 
 def place_text(place_m: Vector) -> str:

@@ -1,6 +1,7 @@
 """Whether the drives of a rig belong together: those of one LiDAR share clouds, those of one camera its intrinsics.
 
-Sweeps of one LiDAR are none of another one, and images of one camera none of another one.
+Sweeps of one LiDAR are none of another one, unless the drives name other points of the same clouds, and images of one
+camera none of another one.
 """
 
 from __future__ import annotations
@@ -112,15 +113,22 @@ def check_lidars(rig: Path, views: Mapping[str, tuple[str, str, Drive]]) -> None
     for (other, (its_camera, its_lidar, _)), (name, (camera, lidar, _)) in combinations(views.items(), 2):
         if lidar == its_lidar:
             continue
-        if _are_of_one(clouds[name], clouds[other], key_of):
+        are_apart = _name_other_points(views[name][2], views[other][2])
+        if not are_apart and _are_of_one(clouds[name], clouds[other], key_of):
             raise InputError(
                 f"{rig}: lidars.{lidar}.cameras: found clouds of {its_lidar!r} in the drive of {camera!r}, expected "
-                "sweeps of another LiDAR"
+                "sweeps of another LiDAR, or `lidar.own_points` with ranges of one field that do not overlap"
             )
         if camera != its_camera and _are_of_one(images[name], images[other], key_of):
             raise InputError(
                 f"{rig}: lidars.{lidar}.cameras.{camera}: found images of {its_camera!r}, expected those of {camera!r}"
             )
+
+
+def _name_other_points(drive: Drive, other: Drive) -> bool:
+    """Return whether two drives state that their LiDARs have other points of clouds that hold those of both."""
+    own, others = (None if one.lidar is None else one.lidar.own_points for one in (drive, other))
+    return own is not None and others is not None and own.is_apart_from(others)
 
 
 def _sizes(drive: Drive, names: Iterable[str]) -> dict[Path, int]:

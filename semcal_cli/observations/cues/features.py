@@ -83,12 +83,12 @@ def observe_features(
 def _of_points(drive: Drive, frame: Frame, cloud: SweepCloud) -> Features:
     """Read the features (N, C) of a cloud's returns; the file has a row for every entry of the cloud."""
     path, vectors = _read(drive, frame, "point_features")
-    count = len(cloud.is_return)
+    count = len(cloud.is_kept)
     if vectors.ndim != 2 or len(vectors) != count:
         raise InputError(
             f"{path}: found shape {vectors.shape}, needed ({count}, C): {frame.points} has {count} points"
         )
-    return vectors[cloud.is_return]
+    return vectors[cloud.is_kept]
 
 
 def _of_image(drive: Drive, frame: Frame) -> Features:
