@@ -216,10 +216,9 @@ impl<'a> JointAscent<'a> {
             steps,
             blocks,
         };
-        let some = match curvature {
-            Curvature::OfSome => thinned_samples(&moving),
-            Curvature::Known | Curvature::OfAll => moving.as_slice().into(),
-        };
+        // Some points do not stand for all where segments, of which there are many, are adjusted for chance.
+        let can_thin = curvature == Curvature::OfSome && !level.observations.has_partitions();
+        let some = if can_thin { thinned_samples(&moving) } else { moving.as_slice().into() };
         if curvature != Curvature::Known {
             self.inverse_curvature = penalised.inverse_curvature(&some);
         }
