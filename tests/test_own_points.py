@@ -238,6 +238,10 @@ def test_files_that_do_not_tell_are_refused(
             {"field": "_", "range": [0, 1]},
             "own_points.field: found '_', a column that is not used, expected the name of a field of the files",
         ),
+        (
+            {"field": "ring", "range": [0, 2**53 + 2]},
+            "expected values up to 9,007,199,254,740,992: larger integers are rounded",
+        ),
         ({"field": "a" * 101, "range": [0, 1]}, "needed at most 100 characters"),
         ({"ring": [0, 1]}, "own_points: unknown key 'ring'"),
     ],
@@ -323,6 +327,7 @@ def test_an_import_keeps_what_is_stated(tmp_path: Path, cli: Cli) -> None:
     code, _, said = cli(*arguments, "--own-points", "=3")
     assert code == 2
     assert "own_points.field: found '', expected the name of a field of the files" in said
-    code, _, said = cli(*arguments, "--own-points", "ring")
-    assert code == 2
-    assert "found 'ring', expected FIELD=FIRST[:LAST], such as ring=0:31." in said
+    for value in ("ring", "ring=32:"):
+        code, _, said = cli(*arguments, "--own-points", value)
+        assert code == 2
+        assert f"found '{value}', expected FIELD=FIRST[:LAST], such as ring=0:31." in said

@@ -54,9 +54,9 @@ class OwnPointsOfLidar(click.ParamType):  # type: ignore[type-arg]
         if isinstance(value, dict):
             return value
         field, _, values = str(value).rpartition("=")
-        first, _, last = values.partition(":")
+        first, separator, last = values.partition(":")
         try:
-            numbers = [float(first), float(last or first)]
+            numbers = [float(first), float(last if separator else first)]
         except ValueError:
             self.fail(f"found {str(value)[:40]!r}, expected {self.name}, such as ring=0:31.", param, ctx)
         try:

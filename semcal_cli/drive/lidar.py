@@ -18,6 +18,8 @@ from semcal_cli.geometry.arrays import Numbers, Points
 
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 Coordinate = Annotated[float, Field(ge=-MAX_ORIGIN_M, le=MAX_ORIGIN_M)]
+LARGEST_INTEGER = 2**53
+"""Largest integer up to which float64, as which fields are compared, has all integers."""
 MAX_FIELD_LENGTH = 100
 """Largest number of characters of the name of a field of a cloud."""
 SHARES = {"start": 0.0, "middle": 0.5, "end": 1.0}
@@ -65,6 +67,8 @@ class OwnPoints(StrictModel):
     def _check_range(cls, value: tuple[float, ...]) -> tuple[float, ...]:
         if value[0] > value[1]:
             raise mismatch(list(value), "the smallest and the largest value, in this order")
+        if max(map(abs, value)) > LARGEST_INTEGER:
+            raise mismatch(list(value), f"values up to {LARGEST_INTEGER:,}: larger integers are rounded")
         return value
 
     def is_apart_from(self, other: OwnPoints) -> bool:
