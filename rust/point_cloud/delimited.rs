@@ -8,7 +8,7 @@
 use super::ascii::{self, Token};
 use super::fields::find;
 use super::limit::{ParseResult, quoted};
-use super::reading::Reading;
+use super::options::Reading;
 use super::table::Table;
 
 /// Lines of the pose of a scanner: its position, three axes, and a 4 x 4 matrix.

@@ -9,6 +9,7 @@ mod fields;
 mod limit;
 pub mod lzf;
 mod npy;
+mod options;
 mod own_points;
 mod pcd;
 mod ply;
@@ -22,8 +23,9 @@ use nalgebra::Vector3;
 use crate::classes::ClassShares;
 
 pub use limit::{Limit, MAX_POINTS};
+pub use options::Reading;
 pub use own_points::OwnPoints;
-pub use reading::{Format, Reading, decode, read, read_all, read_as};
+pub use reading::{Format, decode, read, read_all, read_as};
 pub use record_layout::RecordLayout;
 
 /// Converts a point as read to double precision.

@@ -12,7 +12,7 @@ use super::column::{Column, NumberKind, Scalar};
 use super::fields::{find, seconds_per_tick};
 use super::limit::{ParseResult, quoted};
 use super::lzf;
-use super::reading::Reading;
+use super::options::Reading;
 use super::table::Table;
 use crate::file::OpenFile;
 

@@ -8,8 +8,8 @@ use super::ascii::{self, TextLine, Token};
 use super::column::{Column, NumberKind, Scalar};
 use super::fields::{find, seconds_per_tick};
 use super::limit::{ParseResult, quoted};
+use super::options::Reading;
 use super::own_points::OwnPoints;
-use super::reading::Reading;
 use super::table::Table;
 
 #[derive(Clone, Copy, PartialEq)]

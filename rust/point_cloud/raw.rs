@@ -11,7 +11,7 @@ use super::column::{Column, Scalar};
 use super::fields::seconds_per_tick;
 use super::limit::ParseResult;
 use super::npy;
-use super::reading::Reading;
+use super::options::Reading;
 use super::record_layout::RecordLayout;
 use super::table::{EntryValues, Table};
 use crate::array_file::MAX_HEADER_BYTES;
