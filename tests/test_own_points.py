@@ -165,6 +165,19 @@ def test_a_dimension_of_three_numbers_tells_nothing(tmp_path: Path) -> None:
         read_point_clouds([(tmp_path / "a.las", None)], form=PointForm(own_points=("Vec", (0.0, 1.0))))
 
 
+def test_a_dimension_with_the_name_of_a_column_is_not_mistaken_for_it(tmp_path: Path) -> None:
+    cloud = laspy.create(point_format=6, file_version="1.4")
+    cloud.add_extra_dim(laspy.ExtraBytesParams("time", np.uint8))
+    cloud.x, cloud.y, cloud.z, cloud.time = np.arange(1.0, 7.0), np.zeros(6), np.zeros(6), np.arange(6)
+    cloud.write(tmp_path / "a.las")
+    with pytest.raises(
+        InputError, match="found the field 'time' beside gps_time, which is read by this name"
+    ):
+        read_point_clouds([(tmp_path / "a.las", None)], form=PointForm(own_points=("time", (0.0, 2.0))))
+    (own,) = read_point_clouds([(tmp_path / "a.las", None)], form=PointForm(own_points=("x", (0.0, 3.0))))
+    assert len(own.points) == 3
+
+
 def test_too_little_memory_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise MemoryError

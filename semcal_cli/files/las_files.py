@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Container
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -87,13 +87,19 @@ def read_las(path: Path, file: BinaryIO, further: str | None = None) -> Array:
     return np.concatenate(chunks)
 
 
-def _further(path: Path, wanted: str, dimensions: list[str], known: Container[str]) -> dict[str, str]:
-    """Find a field, in any case, and the name of its column."""
-    if wanted.lower() in known:
-        return {}
+def _further(path: Path, wanted: str, dimensions: list[str], known: Mapping[str, str]) -> dict[str, str]:
+    """Find a field, in any case, and the name of its column; `known` are the columns that are read anyway."""
+    source = known.get(wanted.lower())
     for field in dimensions:
         if field.lower() == wanted.lower():
-            return {field: field}
+            if source is not None and source.lower() != field.lower():
+                raise InputError(
+                    f"{path}: found the field {describe(field)} beside {source}, which is read by this name; give it "
+                    "another one for lidar.own_points"
+                )
+            return {} if source else {field: field}
+    if source is not None:
+        return {}
     raise InputError(
         f"{path}: found the fields {' '.join(dimensions)}, expected {describe(wanted)} among them, which "
         "lidar.own_points states (--own-points at import)"
