@@ -223,7 +223,7 @@ impl<'a> JointAscent<'a> {
             self.inverse_curvature = penalised.inverse_curvature(&some);
         }
         let is_exact = curvature != Curvature::Known && some.len() == moving.len();
-        let Some(inverse) = &self.inverse_curvature else { return Ok(None) };
+        let Some(inverse) = &mut self.inverse_curvature else { return Ok(None) };
         let Some(result) = penalised.newton(inverse, config.max_steps, tolerance) else { return Ok(None) };
         let NewtonResult { change, moved, wanted } = result;
         self.estimate = anchor.changed(variables, &change, observations.max_baseline_m)?;

@@ -17,8 +17,12 @@ use crate::mutual_information::JointHistogram;
 pub(super) const HALF_WIDTH: f64 = 0.5;
 /// Longest step, blocks.
 const MAX_STEP: f64 = 1.0;
-/// A step that does not ascend is halved at most this many times before the search ends.
-const MAX_HALVINGS: i32 = 4;
+/// A step that does not ascend is shortened to a fraction of its length between these (Nocedal and Wright, section 3.5).
+const SHORTENED: (f64, f64) = (0.1, 0.5);
+/// The search along a step ends at this fraction of its length.
+const SHORTEST: f64 = 1.0 / 16.0;
+/// Least loss of slope along a step from which the curvature learns, relative to the expected one.
+const LEAST_LOSS: f64 = 1e-3;
 /// Curvature floor, relative to the largest eigenvalue.
 const MIN_CURVATURE: f64 = 1e-3;
 /// Longest step of the translation, metres, however little it moves the points.
@@ -109,36 +113,67 @@ pub(super) struct NewtonResult {
 impl PenalisedInformation<'_> {
     /// Takes at most `max_steps` steps, until one moves the points by fewer blocks than `tolerance`. `None` if
     /// numbers overflow.
-    pub fn newton(&self, inverse: &DMatrix<f64>, max_steps: usize, tolerance: f64) -> Option<NewtonResult> {
-        let max_baseline_m = self.level.observations.max_baseline_m;
+    ///
+    /// The inverse curvature learns from each step (BFGS; Nocedal and Wright, Numerical Optimization, eq. 6.17). At a
+    /// cusp, which no curvature describes, steps thus turn along the ridge instead of crossing it again and again
+    /// (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, 2013).
+    pub fn newton(
+        &self,
+        inverse: &mut DMatrix<f64>,
+        max_steps: usize,
+        tolerance: f64,
+    ) -> Option<NewtonResult> {
         let mut change = DVector::zeros(self.steps.nrows());
-        let (mut value, mut placed) = self.value(&change)?;
+        let (mut value, placed) = self.value(&change)?;
+        let mut gradient = self.gradient(&change, placed);
         let mut wanted = 0.0;
         for _ in 0..max_steps {
-            let mut step = inverse * self.gradient(&change, placed);
+            let mut step = &*inverse * &gradient;
             let length = (&self.blocks * &step).norm();
             if !length.is_finite() {
                 return None;
             }
             step *= (MAX_STEP / length).min(1.0);
-            let better = (0..=MAX_HALVINGS).find_map(|halvings| {
-                let next = self.near.stepped(&change, &(&step * 0.5f64.powi(halvings)), max_baseline_m);
-                let (next_value, placed) = self.value(&next)?;
-                (next_value > value).then_some((next, next_value, placed))
-            });
             // If even the shortest step gains nothing, the maximum is nearer than that.
-            let Some((next, next_value, next_placed)) = better else {
-                wanted = 0.5f64.powi(MAX_HALVINGS) * length.min(MAX_STEP);
+            let Some((next, next_value, next_placed)) = self.higher(&change, value, &step, &gradient) else {
+                wanted = SHORTEST * length.min(MAX_STEP);
                 break;
             };
-            let moved = (&self.blocks * (&next - &change)).norm();
-            (change, value, placed) = (next, next_value, next_placed);
-            if moved < tolerance {
+            let taken = &next - &change;
+            (change, value) = (next, next_value);
+            if (&self.blocks * &taken).norm() < tolerance {
                 break;
             }
+            let next_gradient = self.gradient(&change, next_placed);
+            learn(inverse, &taken, &(gradient - &next_gradient));
+            gradient = next_gradient;
         }
         let moved = (&self.blocks * &change).norm();
         Some(NewtonResult { change, moved, wanted })
+    }
+
+    /// Shortens a step from a change with a value and a gradient until it gains something. Returns the change after it,
+    /// its value, and where the points land; `None` if even the shortest gains nothing.
+    fn higher(
+        &self,
+        change: &DVector<f64>,
+        value: f64,
+        step: &DVector<f64>,
+        gradient: &DVector<f64>,
+    ) -> Option<(DVector<f64>, f64, Placed<'_>)> {
+        let slope = gradient.dot(step);
+        let mut by = 1.0;
+        while by >= SHORTEST {
+            let next = self.near.stepped(change, &(step * by), self.level.observations.max_baseline_m);
+            let loss = match self.value(&next) {
+                Some((next_value, placed)) if next_value > value => return Some((next, next_value, placed)),
+                tried => tried.map_or(f64::INFINITY, |(next_value, _)| value - next_value),
+            };
+            // To the maximum of the parabola through both values with the slope at the start.
+            let rise = slope * by;
+            by *= (0.5 * rise / (rise + loss)).clamp(SHORTENED.0, SHORTENED.1);
+        }
+        None
     }
 
     /// Penalised information, and where the points land; `None` if the camera is impossible.
@@ -182,5 +217,40 @@ impl PenalisedInformation<'_> {
         let inverse = eigen.eigenvalues.map(|value| 1.0 / value.abs().max(least));
         let basis = &self.steps * eigen.eigenvectors;
         Some(&basis * DMatrix::from_diagonal(&inverse) * basis.transpose())
+    }
+}
+
+/// Updates the inverse of a negative Hessian by a step, and by the gradient that was lost along it (BFGS).
+fn learn(inverse: &mut DMatrix<f64>, step: &DVector<f64>, lost: &DVector<f64>) {
+    let stretched = &*inverse * lost;
+    let (loss, expected) = (step.dot(lost), lost.dot(&stretched));
+    // Where the slope hardly falls, the step says nothing about a maximum.
+    if loss <= LEAST_LOSS * expected {
+        return;
+    }
+    let crossed = step * stretched.transpose();
+    *inverse += step * step.transpose() * ((1.0 + expected / loss) / loss);
+    *inverse -= (&crossed + crossed.transpose()) / loss;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curvature_learns_what_a_step_shows_and_stays_that_of_a_maximum() {
+        let mut inverse = DMatrix::from_diagonal(&DVector::from_column_slice(&[1.0, 4.0, 0.5]));
+        let before = inverse.clone();
+        let (step, lost) =
+            (DVector::from_column_slice(&[0.3, -0.1, 0.2]), DVector::from_column_slice(&[2.0, 0.5, 1.0]));
+        learn(&mut inverse, &step, &lost);
+        // The secant equation.
+        assert!((&inverse * &lost - &step).norm() < 1e-12);
+        assert!((&inverse - inverse.transpose()).norm() < 1e-12);
+        assert!(inverse.symmetric_eigenvalues().min() > 0.0);
+        // A slope that grows along the step is not that of a maximum.
+        let mut unchanged = before.clone();
+        learn(&mut unchanged, &step, &-lost);
+        assert_eq!(unchanged, before);
     }
 }
