@@ -46,6 +46,11 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Whether a point has a class.
+    pub fn has_class(&self, point: usize) -> bool {
+        self.point_classes[point] != NO_CLASS
+    }
+
     /// A frame for tests, without class shares.
     #[cfg(test)]
     pub fn certain(points: Vec<[f32; 3]>, point_classes: Vec<u8>, image_classes: LabelImage<u8>) -> Self {

@@ -13,12 +13,6 @@ pub fn thinned(count: usize, stride: usize) -> impl Iterator<Item = usize> {
         .filter(move |&i| i < count)
 }
 
-/// Whether an index is one of [`thinned`].
-pub fn is_thinned(index: usize, stride: usize) -> bool {
-    let k = index / stride;
-    index == k * stride + scattered(k as u64, stride)
-}
-
 /// A pseudo-random number below `limit` (splitmix64, by Steele, Lea and Flood, 2014).
 fn scattered(k: u64, limit: usize) -> usize {
     let mut z = (k + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -30,14 +24,6 @@ fn scattered(k: u64, limit: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn an_index_tells_whether_it_is_left() {
-        for stride in [1, 2, 7, 16] {
-            let left: Vec<usize> = (0..1000).filter(|&index| is_thinned(index, stride)).collect();
-            assert_eq!(left, thinned(1000, stride).collect::<Vec<_>>());
-        }
-    }
 
     #[test]
     fn every_channel_is_left_whatever_the_step() {

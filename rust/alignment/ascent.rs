@@ -70,9 +70,8 @@ pub fn align(
     let level = Level { objective, ..level };
     let align = |start| {
         let end = level.ascend(start, counted, config, seed);
-        let samples = level.samples(&end.pose, counted);
-        let joint = level.joint(&samples, &level.projection(&end.pose));
-        (Ascended { num_points: samples.len(), ..end }, level.score(&joint))
+        let (joint, num_points) = level.joint_at(&end.pose, counted);
+        (Ascended { num_points, ..end }, level.score(&joint))
     };
     starts.par_iter().map(align).collect()
 }

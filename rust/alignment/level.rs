@@ -16,7 +16,7 @@ use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
 use crate::pyramid::{AnyCorners, Corners, DenseMap, LabelMap, Sampled, ShareMap};
-use crate::thinning::{is_thinned, stride, thinned};
+use crate::thinning::{stride, thinned};
 use crate::visibility::project_points;
 
 /// Weight, in points, of pairs not seen in a batch, which keeps their pointwise mutual information finite.
@@ -52,8 +52,8 @@ pub struct Level {
     pub(super) factor: usize,
     /// Stride between the points used.
     pub(super) stride: usize,
-    /// The points used of each frame, gathered where `Counted::All` first needs them.
-    pub(super) used: OnceLock<Vec<PointsWithClass>>,
+    /// The points used of each frame, gathered when they are first needed.
+    pub(super) used: OnceLock<Vec<SomePoints>>,
     pub(super) objective: Objective,
 }
 
@@ -76,15 +76,10 @@ impl Level {
         Self { observations, maps, factor, stride, used: OnceLock::new(), objective: Objective::Information }
     }
 
-    /// Whether a point of a frame is used.
-    pub(super) fn uses(&self, frame: &Frame, index: usize) -> bool {
-        frame.point_classes[index] != NO_CLASS && is_thinned(index, self.stride)
-    }
-
     /// The points of a frame that are used, by its index.
-    pub(super) fn used_points(&self, index: usize) -> &PointsWithClass {
+    pub(super) fn used_points(&self, index: usize) -> &SomePoints {
         let frames = &self.observations.frames;
-        let of_frame = |frame: &Frame| PointsWithClass::of(frame, self.stride);
+        let of_frame = |frame: &Frame| SomePoints::of(frame, self.stride);
         // In one thread: a task that rayon takes on meanwhile might wait here for its own thread.
         &self.used.get_or_init(|| frames.iter().map(of_frame).collect())[index]
     }
@@ -246,29 +241,30 @@ pub(super) fn touch<'a>(maps: &[impl LabelMap], pixels: impl Iterator<Item = (&'
 fn num_in_image(observations: &Observations, poses: &[Isometry3<f64>]) -> usize {
     let some = |frame: &Frame| {
         let stride = stride(frame.points.len(), NUM_PROJECTED);
-        (stride, PointsWithClass::of(frame, stride))
+        (stride, SomePoints::of(frame, stride))
     };
-    let frames: Vec<_> = observations.frames.par_iter().map(some).collect();
+    let some: Vec<_> = observations.frames.par_iter().map(some).collect();
     let num_seen = |pose| {
-        let of_frame = |(stride, points): &(usize, PointsWithClass)| {
-            stride * project_points(&observations.camera, points.iter(), pose).len()
+        let of_frame = |(frame, (stride, points)): (&Frame, &(usize, SomePoints))| {
+            let seen = project_points(&observations.camera, points.iter(), pose);
+            stride * seen.iter().filter(|point| frame.has_class(point.index)).count()
         };
-        frames.iter().map(of_frame).sum()
+        observations.frames.iter().zip(&some).map(of_frame).sum()
     };
     poses.par_iter().map(num_seen).max().unwrap_or(0)
 }
 
 /// Some points of a sweep, side by side in memory: single points of a large sweep take many times longer to read.
 #[derive(Clone, Debug)]
-pub(super) struct PointsWithClass {
+pub(super) struct SomePoints {
     indices: Vec<u32>,
     positions: Vec<[f32; 3]>,
 }
 
-impl PointsWithClass {
-    /// Takes one of every `stride` points of a frame, without those that have no class.
+impl SomePoints {
+    /// Takes one of every `stride` points of a frame.
     fn of(frame: &Frame, stride: usize) -> Self {
-        let indices = thinned(frame.points.len(), stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
+        let indices = thinned(frame.points.len(), stride);
         let (indices, positions) = indices.map(|i| (i as u32, frame.points[i])).unzip();
         Self { indices, positions }
     }

@@ -15,7 +15,7 @@ use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
 use crate::point_cloud::to_f64;
 use crate::pyramid::{LabelMap, ShareMap};
-use crate::visibility::{Projected, project_points};
+use crate::visibility::{Projected, hidden, project_points};
 
 /// Points at least this many blocks inside one class are summed up once by Newton's method. A round that moves them
 /// farther is followed by another one, which chooses them again.
@@ -69,13 +69,19 @@ pub struct Selection {
 impl Level {
     /// Labelled points on labelled pixels, weighted at the anchor pose.
     pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
-        self.select_where(pose, counted, |_, _, _| false).moving
+        self.select_where(pose, counted, |_, _, _| false).0.moving
+    }
+
+    /// The joint histogram of [`Level::samples`] at their anchor pose, and their number.
+    pub fn joint_at(&self, pose: &Isometry3<f64>, counted: Counted) -> (JointHistogram, usize) {
+        let (Selection { constant, .. }, num_samples) = self.select_where(pose, counted, |_, _, _| true);
+        (constant, num_samples)
     }
 
     /// Selects points like [`Level::samples`], except that points at least `radius` blocks inside one class are only
     /// counted: their pairs do not change while they move by less.
     pub fn select(&self, pose: &Isometry3<f64>, counted: Counted, radius: usize) -> Selection {
-        self.select_where(pose, counted, |map, pixel, _| map.only_class_around(pixel, radius).is_some())
+        self.select_where(pose, counted, |map, pixel, _| map.only_class_around(pixel, radius).is_some()).0
     }
 
     /// Selects visible points like [`Level::select`] for Newton's method. Where it seeks the pose, alone or with cx, those
@@ -94,15 +100,16 @@ impl Level {
         let is_constant = |map: &ShareMap, pixel: &Point2<f64>, is_plain: bool| {
             (is_plain && can_leave_out) || map.only_class_around(pixel, CONSTANT_RADIUS).is_some()
         };
-        self.select_where(pose, Counted::Visible, is_constant)
+        self.select_where(pose, Counted::Visible, is_constant).0
     }
 
+    /// Selects points, and counts the samples of both kinds.
     fn select_where(
         &self,
         pose: &Isometry3<f64>,
         counted: Counted,
         is_constant: impl Fn(&ShareMap, &Point2<f64>, bool) -> bool + Sync,
-    ) -> Selection {
+    ) -> (Selection, usize) {
         with_maps!(&self.maps, maps => self.select_on(&maps, pose, counted, is_constant))
     }
 
@@ -112,10 +119,11 @@ impl Level {
         pose: &Isometry3<f64>,
         counted: Counted,
         is_constant: impl Fn(&ShareMap, &Point2<f64>, bool) -> bool + Sync,
-    ) -> Selection {
+    ) -> (Selection, usize) {
         let of_frame = |(index, frame): (usize, &Frame)| {
             let map = self.maps[index].as_ref();
             let (mut moving, mut constant) = (Vec::new(), self.joint_of_frames(index..index + 1));
+            let mut num_constant = 0;
             for Projected { index: i, pixel, .. } in self.counted_points(index, pose, counted) {
                 let sampled = maps[index].at(&pixel);
                 let weight = sampled.total() as f32 * frame.weight;
@@ -127,6 +135,7 @@ impl Level {
                         self.observations.for_rows(index, i, class, |row| {
                             sampled.add_to(constant.row_mut(row), f64::from(weight));
                         });
+                        num_constant += 1;
                     } else {
                         let (position, frame, point) = (to_f64(&frame.points[i]), index as u32, i as u32);
                         moving.push(Sample { position, class, frame, point, weight });
@@ -142,25 +151,41 @@ impl Level {
                     }
                 }
             }
-            (moving, constant)
+            (moving, (constant, num_constant))
         };
-        let (moving, of_frames): (Vec<Vec<Sample>>, Vec<JointHistogram>) =
+        let (moving, of_frames): (Vec<Vec<Sample>>, Vec<(JointHistogram, usize)>) =
             self.observations.frames.par_iter().enumerate().map(of_frame).unzip();
-        let mut constant = self.empty_joint();
-        of_frames.iter().for_each(|of_frame| constant.merge(of_frame));
-        Selection { moving: moving.concat(), constant }
+        let (mut constant, moving) = (self.empty_joint(), moving.concat());
+        let mut num_samples = moving.len();
+        for (of_frame, num_constant) in &of_frames {
+            constant.merge(of_frame);
+            num_samples += num_constant;
+        }
+        (Selection { moving, constant }, num_samples)
     }
 
     /// The labelled points of a frame that are inside the image and count, thinned.
     fn counted_points(&self, index: usize, pose: &Isometry3<f64>, counted: Counted) -> Vec<Projected> {
-        let (camera, frame) = (&self.observations.camera, &self.observations.frames[index]);
-        if counted == Counted::All {
-            return project_points(camera, self.used_points(index).iter(), pose);
-        }
+        let Observations { camera, origin, .. } = &*self.observations;
+        let frame = &self.observations.frames[index];
+        let some = || project_points(camera, self.used_points(index).iter(), pose);
+        let (points, hidden) = match counted {
+            Counted::All => {
+                let mut points = some();
+                points.retain(|point| frame.has_class(point.index));
+                return points;
+            }
+            Counted::Visible if self.stride == 1 => frame.points.in_image(camera, pose, origin),
+            // Fewer points hide one another over a wider spacing.
+            Counted::Visible => {
+                let points = some();
+                let hidden = hidden(camera, &frame.points, origin, &points);
+                (points, Arc::new(hidden))
+            }
+        };
         // Points that do not count still occlude others.
-        let (projected, hidden) = frame.points.in_image(camera, pose, &self.observations.origin);
-        let pairs = projected.into_iter().zip(hidden.iter());
-        let seen = pairs.filter(|(point, hidden)| !**hidden && self.uses(frame, point.index));
+        let pairs = points.into_iter().zip(hidden.iter());
+        let seen = pairs.filter(|(point, hidden)| !**hidden && frame.has_class(point.index));
         seen.map(|(point, _)| point).collect()
     }
 }

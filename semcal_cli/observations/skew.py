@@ -9,7 +9,8 @@ the view they show nothing, because a camera that is nearer looks the same.
 
 from __future__ import annotations
 
-from itertools import cycle
+from collections.abc import Callable
+from itertools import cycle, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy.typing as npt
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.lidar import Spin
-from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.threads import thread_pool
 
@@ -96,13 +97,24 @@ class Skew(NamedTuple):
             observations: Points and images, as the drive gives them.
             speed_m_s: Speed along the view, negative backwards, metres per second.
         """
-        if speed_m_s == 0.0:
-            return observations
+        return observations if speed_m_s == 0.0 else self.at_speeds(observations)(speed_m_s)
 
-        def deskewed(cloud: LabelledCloud, moment_s: float) -> LabelledCloud:
-            since_s = self.spin.times(observations.rays(cloud.points)) - moment_s
+    def at_speeds(self, observations: Observations) -> Callable[[float], Observations]:
+        """Make the function that deskews the same observations by one speed after another, as `deskewed` does."""
+
+        def seconds(cloud: LabelledCloud, moment_s: float) -> Numbers:
+            return self.spin.times(observations.rays(cloud.points)) - moment_s
+
+        def moved(cloud: LabelledCloud, since_s: Numbers, speed_m_s: float) -> LabelledCloud:
             return cloud.with_points(cloud.points + np.float32(speed_m_s * since_s[:, None]) * self.view)
 
+        clouds = observations.clouds
         with thread_pool() as pool:
             # The frames by one cue follow those by another.
-            return observations.with_clouds(pool.map(deskewed, observations.clouds, cycle(self.moments_s)))
+            since_s = list(pool.map(seconds, clouds, cycle(self.moments_s)))
+
+        def deskewed(speed_m_s: float) -> Observations:
+            with thread_pool() as pool:
+                return observations.with_clouds(pool.map(moved, clouds, since_s, repeat(speed_m_s)))
+
+        return lambda speed_m_s: observations if speed_m_s == 0.0 else deskewed(speed_m_s)

@@ -265,9 +265,10 @@ def _fit_speeds(
     observations = observations.with_scenes
     if len(set(observations.scenes)) < MIN_SCENES:
         return None
+    at_speed = skew.at_speeds(observations)
 
     def fit(speed_m_s: float, T_start: Pose, inverse_curvature: InverseCurvature) -> _Fit:
-        best = ascent.find(skew.deskewed(observations, speed_m_s), T_start, inverse_curvature)
+        best = ascent.find(at_speed(speed_m_s), T_start, inverse_curvature)
         parts = information_by_squares(best.observations, best.T_camera_lidar)
         shares = parts.sums / max(parts.weights.sum(), 1.0)
         share_by_square = defaultdict[tuple[int, ...], float](float)

@@ -179,7 +179,7 @@ class SeveralStarts:
         ends = near_a_maximum(ends)[:NUM_POLISHED]
         candidate_ends = [*candidates, *polished(near_a_maximum(candidates))]
         needed = max(end.value for end in candidate_ends)
-        ranked = sorted([*polished(ends), *ends, *candidate_ends], key=lambda end: -end.value)
+        ranked = sorted([*(polished(ends) or ends), *candidate_ends], key=lambda end: -end.value)
         best, *others = [maximum for maximum in _distinct(ranked) if maximum.value >= needed]
         gains = core.information_gains(
             self.observations.core,
