@@ -17,6 +17,17 @@ const REACH: f64 = 3.0;
 pub(super) static WHOLE: [Share; NO_CLASS as usize] = pixels_of(u8::MAX);
 pub(super) static FAINT: [Share; NO_CLASS as usize] = pixels_of(FAINT_AMOUNT);
 
+/// One pixel of each of the first classes, counted in a byte of its own; zero for others.
+static ONE: [u64; 256] = {
+    let mut ones = [0; 256];
+    let mut class = 0;
+    while class < WORD {
+        ones[class] = 1 << (8 * class);
+        class += 1;
+    }
+    ones
+};
+
 const fn pixels_of(amount: u8) -> [Share; NO_CLASS as usize] {
     let mut shares = [Share { class: 0, amount }; NO_CLASS as usize];
     let mut class = 0;
@@ -73,8 +84,9 @@ pub(super) struct Dense {
 
 /// Number of classes up to the last that occurs; at least one, so that blocks have a length.
 fn num_classes(image: &LabelImage<u8>) -> usize {
-    let classes = image.ids.iter().filter(|&&class| class != NO_CLASS);
-    classes.max().map_or(1, |&class| usize::from(class) + 1)
+    // The byte after that of no class is zero.
+    let after = image.ids.iter().map(|class| class.wrapping_add(1));
+    usize::from(after.max().unwrap_or(0).max(1))
 }
 
 /// Averages over blocks. `only` holds the class of pixels with full weight, and [`NO_CLASS`] for those with low
@@ -119,16 +131,33 @@ pub(super) fn averaged_levels(image: &LabelImage<u8>, factor: usize) -> Dense {
     let of_count = |count: usize| mean_amount(count as u64 * u64::from(u8::MAX), num_pixels);
     let amounts: Vec<u8> = (0..=num_pixels).map(of_count).collect();
     let mut shares = Vec::with_capacity(columns * rows * width);
-    let mut counts = vec![0_u32; columns * width];
-    for lines in image.ids.chunks_exact(factor * image.width) {
-        counts.fill(0);
-        for line in lines.chunks_exact(image.width) {
-            for (pixels, counts) in line.chunks_exact(factor).zip(counts.chunks_exact_mut(width)) {
-                let classes = pixels.iter().filter(|&&class| class != NO_CLASS);
-                classes.for_each(|&class| counts[usize::from(class)] += 1);
+    let lines_of_blocks = image.ids.chunks_exact(factor * image.width);
+    if width == WORD && num_pixels <= u8::MAX.into() {
+        // The counts of a block are the bytes of one number.
+        let mut counts = vec![0_u64; columns];
+        for lines in lines_of_blocks {
+            counts.fill(0);
+            for line in lines.chunks_exact(image.width) {
+                let blocks = counts.iter_mut().zip(line.chunks_exact(factor));
+                blocks.for_each(|(counts, pixels)| {
+                    *counts += pixels.iter().map(|&class| ONE[usize::from(class)]).sum::<u64>();
+                });
             }
+            let counts = counts.iter().flat_map(|counts| counts.to_le_bytes());
+            shares.extend(counts.map(|count| amounts[usize::from(count)]));
         }
-        shares.extend(counts.iter().map(|&count| amounts[count as usize]));
+    } else {
+        let mut counts = vec![0_u32; columns * width];
+        for lines in lines_of_blocks {
+            counts.fill(0);
+            for line in lines.chunks_exact(image.width) {
+                for (pixels, counts) in line.chunks_exact(factor).zip(counts.chunks_exact_mut(width)) {
+                    let classes = pixels.iter().filter(|&&class| class != NO_CLASS);
+                    classes.for_each(|&class| counts[usize::from(class)] += 1);
+                }
+            }
+            shares.extend(counts.iter().map(|&count| amounts[count as usize]));
+        }
     }
     let only = shares.chunks_exact(width).map(only_class).collect();
     Dense { shares, width, only }

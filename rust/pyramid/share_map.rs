@@ -310,30 +310,34 @@ mod tests {
 
     #[test]
     fn levels_are_averaged_as_classes_are_and_may_be_none() {
-        // Three rows of blocks, so that all four around a pixel count.
-        let ids = (0..36).map(|pixel| if pixel == 20 { NO_CLASS } else { (7 * pixel % 19) as u8 }).collect();
-        let values: [f64; 19] = std::array::from_fn(|class| (class as f64).sin());
-        let image = Arc::new(LabelImage { width: 6, height: 6, ids });
-        let (levels, classes) = (ShareMap::of_levels(&image, 2), blocks_of_two((*image).clone()));
-        for (u, v) in [-1.0, 0.9, 1.4, 2.7, 4.1, 6.0].into_iter().flat_map(|u| [(u, 1.3), (u, 3.9)]) {
-            let under = |map: &ShareMap| {
-                let mut shares = [0.0; 19];
-                let sampled = map.at(&Point2::new(u, v));
-                sampled.add_to(&mut shares, 1.0);
-                (shares, sampled.total())
-            };
-            let (of_levels, of_classes) = (under(&levels), under(&classes));
-            let pairs = of_levels.0.iter().zip(of_classes.0);
-            assert!(
-                pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-12),
-                "{u}: {of_levels:?} {of_classes:?}"
-            );
-            assert!((of_levels.1 - of_classes.1).abs() < 1e-12);
-            let gradient = |map: &ShareMap| match map.at(&Point2::new(u, v)) {
-                Sampled::Mixed(shares) => shares.gradient(&values),
-                Sampled::Uniform(_) => Vector2::zeros(),
-            };
-            assert!((gradient(&levels) - gradient(&classes)).norm() < 1e-12);
+        // Three rows of blocks, so that all four around a pixel count. Up to eight levels are counted otherwise than more.
+        for num_levels in [8, 19] {
+            let ids = (0..36)
+                .map(|pixel| if pixel == 20 { NO_CLASS } else { (7 * pixel % num_levels) as u8 })
+                .collect();
+            let values: [f64; 19] = std::array::from_fn(|class| (class as f64).sin());
+            let image = Arc::new(LabelImage { width: 6, height: 6, ids });
+            let (levels, classes) = (ShareMap::of_levels(&image, 2), blocks_of_two((*image).clone()));
+            for (u, v) in [-1.0, 0.9, 1.4, 2.7, 4.1, 6.0].into_iter().flat_map(|u| [(u, 1.3), (u, 3.9)]) {
+                let under = |map: &ShareMap| {
+                    let mut shares = [0.0; 19];
+                    let sampled = map.at(&Point2::new(u, v));
+                    sampled.add_to(&mut shares, 1.0);
+                    (shares, sampled.total())
+                };
+                let (of_levels, of_classes) = (under(&levels), under(&classes));
+                let pairs = of_levels.0.iter().zip(of_classes.0);
+                assert!(
+                    pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-12),
+                    "{u}: {of_levels:?} {of_classes:?}"
+                );
+                assert!((of_levels.1 - of_classes.1).abs() < 1e-12);
+                let gradient = |map: &ShareMap| match map.at(&Point2::new(u, v)) {
+                    Sampled::Mixed(shares) => shares.gradient(&values),
+                    Sampled::Uniform(_) => Vector2::zeros(),
+                };
+                assert!((gradient(&levels) - gradient(&classes)).norm() < 1e-12);
+            }
         }
         // Some blocks have one class, and the last row and column are no whole blocks.
         let ids = (0..35).map(|pixel| match (pixel % 7, pixel / 7) {
