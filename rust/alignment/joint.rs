@@ -88,8 +88,6 @@ enum Curvature {
     Known,
     /// Some of the points, which is fast.
     OfSome,
-    /// All points. Steps without gain then mean that the maximum is a cusp.
-    OfAll,
 }
 
 /// Some of the samples, weighted to stand for all.
@@ -108,8 +106,6 @@ struct Round {
     moved: f64,
     /// Distance, blocks, by which it still tried to move them.
     wanted: f64,
-    /// Whether the curvature was computed from all of these points.
-    is_exact: bool,
 }
 
 struct JointAscent<'a> {
@@ -159,19 +155,13 @@ impl<'a> JointAscent<'a> {
             if self.inverse_curvature.is_some() { Curvature::Known } else { Curvature::OfSome };
         let mut level = self.observed(factor);
         for _ in 0..self.config.max_rounds {
-            let Some(Round { moved, wanted, is_exact }) = self.round(&level, curvature, tolerance)? else {
-                break;
-            };
-            moved_px = moved.max(wanted) * factor as f64;
-            // A step without gain may come from outdated or rough curvature, or the maximum is a cusp.
-            if moved < tolerance && (wanted < tolerance || is_exact) {
+            let Some(Round { moved, wanted }) = self.round(&level, curvature, tolerance)? else { break };
+            let most = moved.max(wanted);
+            moved_px = most * factor as f64;
+            if most < tolerance {
                 break;
             }
-            curvature = match (wanted < tolerance, moved > CURVATURE_HOLDS) {
-                (false, _) => Curvature::OfAll,
-                (true, true) => Curvature::OfSome,
-                (true, false) => Curvature::Known,
-            };
+            curvature = if most > CURVATURE_HOLDS { Curvature::OfSome } else { Curvature::Known };
             // If only the pose changes, the observations do not. Else the level before is held meanwhile, so that the
             // blocks are averaged only once.
             if self.variables.count() > 6 {
@@ -222,12 +212,11 @@ impl<'a> JointAscent<'a> {
         if curvature != Curvature::Known {
             self.inverse_curvature = penalised.inverse_curvature(&some);
         }
-        let is_exact = curvature != Curvature::Known && some.len() == moving.len();
         let Some(inverse) = &mut self.inverse_curvature else { return Ok(None) };
         let Some(result) = penalised.newton(inverse, config.max_steps, tolerance) else { return Ok(None) };
         let NewtonResult { change, moved, wanted } = result;
         self.estimate = anchor.changed(variables, &change, observations.max_baseline_m)?;
         self.offset_from_prior += change;
-        Ok(Some(Round { moved, wanted, is_exact }))
+        Ok(Some(Round { moved, wanted }))
     }
 }

@@ -105,75 +105,92 @@ pub(super) struct NewtonResult {
     pub change: DVector<f64>,
     /// Distance, blocks, by which it moved the points.
     pub moved: f64,
-    /// Distance, blocks, by which it still tried to move them. Steps without gain mean that the curvature is wrong,
-    /// or that the maximum is a cusp.
+    /// Distance, blocks, by which it still tried to move them: the maximum is a cusp, or the curvature is wrong.
     pub wanted: f64,
+}
+
+/// A change that was tried, its value, and where the points land.
+struct Trial<'a> {
+    change: DVector<f64>,
+    value: f64,
+    placed: Placed<'a>,
 }
 
 impl PenalisedInformation<'_> {
     /// Takes at most `max_steps` steps, until one moves the points by fewer blocks than `tolerance`. `None` if
     /// numbers overflow.
     ///
-    /// The inverse curvature learns from each step (BFGS; Nocedal and Wright, Numerical Optimization, eq. 6.17). At a
-    /// cusp, which no curvature describes, steps thus turn along the ridge instead of crossing it again and again
-    /// (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, 2013).
+    /// The inverse curvature learns from each step, even one without gain (BFGS; Nocedal and Wright, Numerical
+    /// Optimization, eq. 6.17). At a cusp, which no curvature describes, steps thus turn along the ridge instead of crossing
+    /// it again and again (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, 2013).
     pub fn newton(
         &self,
         inverse: &mut DMatrix<f64>,
         max_steps: usize,
         tolerance: f64,
     ) -> Option<NewtonResult> {
+        let blocks = |change: &DVector<f64>| (&self.blocks * change).norm();
         let mut change = DVector::zeros(self.steps.nrows());
         let (mut value, placed) = self.value(&change)?;
         let mut gradient = self.gradient(&change, placed);
         let mut wanted = 0.0;
         for _ in 0..max_steps {
             let mut step = &*inverse * &gradient;
-            let length = (&self.blocks * &step).norm();
+            let length = blocks(&step);
             if !length.is_finite() {
                 return None;
             }
             step *= (MAX_STEP / length).min(1.0);
-            // If even the shortest step gains nothing, the maximum is nearer than that.
-            let Some((next, next_value, next_placed)) = self.higher(&change, value, &step, &gradient) else {
-                wanted = SHORTEST * length.min(MAX_STEP);
+            let Some(Trial { change: next, value: next_value, placed }) =
+                self.along(&change, value, &step, &gradient)
+            else {
                 break;
             };
-            let taken = &next - &change;
-            (change, value) = (next, next_value);
-            if (&self.blocks * &taken).norm() < tolerance {
+            let (taken, is_higher) = (&next - &change, next_value > value);
+            let moved = blocks(&taken);
+            wanted = if is_higher { 0.0 } else { moved };
+            if moved < tolerance {
+                if is_higher {
+                    change = next;
+                }
                 break;
             }
-            let next_gradient = self.gradient(&change, next_placed);
-            learn(inverse, &taken, &(gradient - &next_gradient));
-            gradient = next_gradient;
+            let next_gradient = self.gradient(&next, placed);
+            let has_learnt = learn(inverse, &taken, &(&gradient - &next_gradient));
+            if is_higher {
+                (change, value, gradient) = (next, next_value, next_gradient);
+            } else if !has_learnt {
+                break;
+            }
         }
-        let moved = (&self.blocks * &change).norm();
-        Some(NewtonResult { change, moved, wanted })
+        Some(NewtonResult { moved: blocks(&change), change, wanted })
     }
 
-    /// Shortens a step from a change with a value and a gradient until it gains something. Returns the change after it,
-    /// its value, and where the points land; `None` if even the shortest gains nothing.
-    fn higher(
+    /// Shortens a step from a change with a value and a gradient until it gains something. Returns the last trial; `None`
+    /// if its camera is impossible.
+    fn along(
         &self,
         change: &DVector<f64>,
         value: f64,
         step: &DVector<f64>,
         gradient: &DVector<f64>,
-    ) -> Option<(DVector<f64>, f64, Placed<'_>)> {
+    ) -> Option<Trial<'_>> {
         let slope = gradient.dot(step);
         let mut by = 1.0;
-        while by >= SHORTEST {
+        loop {
             let next = self.near.stepped(change, &(step * by), self.level.observations.max_baseline_m);
-            let loss = match self.value(&next) {
-                Some((next_value, placed)) if next_value > value => return Some((next, next_value, placed)),
-                tried => tried.map_or(f64::INFINITY, |(next_value, _)| value - next_value),
+            let tried = self.value(&next);
+            let loss = match &tried {
+                Some((next_value, _)) => value - next_value,
+                None => f64::INFINITY,
             };
+            if loss < 0.0 || by <= SHORTEST {
+                return tried.map(|(value, placed)| Trial { change: next, value, placed });
+            }
             // To the maximum of the parabola through both values with the slope at the start.
             let rise = slope * by;
-            by *= (0.5 * rise / (rise + loss)).clamp(SHORTENED.0, SHORTENED.1);
+            by = (by * (0.5 * rise / (rise + loss)).clamp(SHORTENED.0, SHORTENED.1)).max(SHORTEST);
         }
-        None
     }
 
     /// Penalised information, and where the points land; `None` if the camera is impossible.
@@ -220,17 +237,18 @@ impl PenalisedInformation<'_> {
     }
 }
 
-/// Updates the inverse of a negative Hessian by a step, and by the gradient that was lost along it (BFGS).
-fn learn(inverse: &mut DMatrix<f64>, step: &DVector<f64>, lost: &DVector<f64>) {
+/// Updates the inverse of a negative Hessian by a step, and by the gradient that was lost along it (BFGS). Returns false if
+/// the step says nothing about a maximum, because the slope hardly falls along it.
+fn learn(inverse: &mut DMatrix<f64>, step: &DVector<f64>, lost: &DVector<f64>) -> bool {
     let stretched = &*inverse * lost;
     let (loss, expected) = (step.dot(lost), lost.dot(&stretched));
-    // Where the slope hardly falls, the step says nothing about a maximum.
     if loss <= LEAST_LOSS * expected {
-        return;
+        return false;
     }
     let crossed = step * stretched.transpose();
     *inverse += step * step.transpose() * ((1.0 + expected / loss) / loss);
     *inverse -= (&crossed + crossed.transpose()) / loss;
+    true
 }
 
 #[cfg(test)]
@@ -243,14 +261,14 @@ mod tests {
         let before = inverse.clone();
         let (step, lost) =
             (DVector::from_column_slice(&[0.3, -0.1, 0.2]), DVector::from_column_slice(&[2.0, 0.5, 1.0]));
-        learn(&mut inverse, &step, &lost);
+        assert!(learn(&mut inverse, &step, &lost));
         // The secant equation.
         assert!((&inverse * &lost - &step).norm() < 1e-12);
         assert!((&inverse - inverse.transpose()).norm() < 1e-12);
         assert!(inverse.symmetric_eigenvalues().min() > 0.0);
         // A slope that grows along the step is not that of a maximum.
         let mut unchanged = before.clone();
-        learn(&mut unchanged, &step, &-lost);
+        assert!(!learn(&mut unchanged, &step, &-lost));
         assert_eq!(unchanged, before);
     }
 }
