@@ -120,16 +120,16 @@ fn of_sweep(sweep: Scanned, linked: &LinkedRays, same_surface_m: f64, is_pattern
         steps.range_m[ray.index] = if step == f64::NEG_INFINITY { f32::NAN } else { step as f32 };
         let gap = sides[side].map_or(*spacing, |beside| beside.distance.min(*spacing));
         let arc = RANGE_STEP * gap * if side == 0 { 1.0 } else { -1.0 };
-        steps.to_range_step_m[ray.index] = ray.turned(arc);
+        steps.to_range_step_m[ray.index] = ray.turned(arc, points);
         if let Some((intensity, values)) = intensity.zip(steps.intensity.as_mut()) {
             for beside in sides {
-                let Some(other) = beside.map(|beside| rays[beside.at]) else { continue };
+                let Some(other) = beside.map(|beside| &rays[beside.at]) else { continue };
                 let difference = (intensity[other.index] - intensity[ray.index]).abs();
                 let is_same = (other.range - ray.range).abs() < same_surface_m;
                 let value = &mut values[ray.index];
                 if is_same && (value.is_nan() || difference > *value) {
                     *value = difference;
-                    steps.to_intensity_step_m[ray.index] = ray.half_way(other);
+                    steps.to_intensity_step_m[ray.index] = ray.half_way(other, points);
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! The rays of a sweep, by their angles.
 
-use geometry::angles::{azimuth, elevation, from_angles, wrapped};
+use geometry::angles::{azimuth, elevation, wrapped};
 use nalgebra::Vector3;
 
 use crate::point_cloud::to_f64;
@@ -31,15 +31,15 @@ pub struct Ray {
 pub fn returns(points: &[[f32; 3]]) -> Vec<Ray> {
     let ray = |(index, point): (usize, &[f32; 3])| {
         let point = to_f64(point);
-        let (azimuth, elevation) = (azimuth(&point), elevation(&point));
-        is_return(&point).then(|| Ray { azimuth, elevation, range: point.norm(), index })
+        is_return(&point).then(|| Ray::to(&point, index))
     };
     points.iter().enumerate().filter_map(ray).collect()
 }
 
 impl Ray {
-    fn direction(&self) -> Vector3<f64> {
-        from_angles(self.azimuth, self.elevation)
+    /// The ray to a point, metres, with its index.
+    pub fn to(point: &Vector3<f64>, index: usize) -> Self {
+        Self { azimuth: azimuth(point), elevation: elevation(point), range: point.norm(), index }
     }
 
     /// Radians of arc per radian of azimuth.
@@ -67,20 +67,29 @@ impl Ray {
         (other.elevation - self.elevation).abs() <= HEIGHT_TOLERANCE + SLOPE * distance
     }
 
-    /// Vector from the point, metres, to its range half-way to a neighbour's ray.
-    pub fn half_way(&self, neighbour: Self) -> [f32; 3] {
-        self.to(&(self.direction() + neighbour.direction()))
+    /// Unit vector to the ray's point, one of the `points` of the sweep; dividing takes less time than sines and cosines.
+    fn direction(&self, points: &[[f32; 3]]) -> Vector3<f64> {
+        to_f64(&points[self.index]) / self.range
     }
 
-    /// Vector from the point, metres, to its range in a direction.
-    fn to(&self, direction: &Vector3<f64>) -> [f32; 3] {
-        let by = (direction.normalize() - self.direction()) * self.range;
-        [by.x as f32, by.y as f32, by.z as f32]
+    /// Vector from the point, metres, to its range half-way to a neighbour's ray.
+    pub fn half_way(&self, neighbour: &Self, points: &[[f32; 3]]) -> [f32; 3] {
+        let own = self.direction(points);
+        self.between(&own, &(own + neighbour.direction(points)).normalize())
     }
 
     /// Vector from the point, metres, to its range at another azimuth, radians of arc away.
-    pub fn turned(&self, arc: f64) -> [f32; 3] {
-        self.to(&from_angles(self.azimuth + arc / self.across(), self.elevation))
+    pub fn turned(&self, arc: f64, points: &[[f32; 3]]) -> [f32; 3] {
+        let own = self.direction(points);
+        let (sine, cosine) = (arc / own.xy().norm().max(MIN_COSINE)).sin_cos();
+        let turned = Vector3::new(cosine * own.x - sine * own.y, sine * own.x + cosine * own.y, own.z);
+        self.between(&own, &turned)
+    }
+
+    /// Vector between two unit vectors at the ray's range, metres.
+    fn between(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> [f32; 3] {
+        let by = (to - from) * self.range;
+        [by.x as f32, by.y as f32, by.z as f32]
     }
 }
 

@@ -193,6 +193,8 @@ fn neighbour(rays: &[Ray], from: usize, returns: Range<usize>, sign: f64) -> Opt
 
 #[cfg(test)]
 mod tests {
+    use geometry::angles::from_angles;
+
     use super::*;
 
     const RINGS: usize = 8;
@@ -204,7 +206,7 @@ mod tests {
             let (ring, column) = (index / COLUMNS, index % COLUMNS);
             let elevation = -0.02 - 0.006 * ring as f64;
             let azimuth = wrapped(TAU * (column as f64 + 0.3) / COLUMNS as f64);
-            Ray { azimuth, elevation, range: -1.7 / elevation.sin(), index: index - missing }
+            Ray::to(&(from_angles(azimuth, elevation) * (-1.7 / elevation.sin())), index - missing)
         };
         (missing..RINGS * COLUMNS).map(ray).collect()
     }

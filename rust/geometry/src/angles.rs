@@ -17,8 +17,10 @@ pub fn elevation(direction: &Vector3<f64>) -> f64 {
 }
 
 /// An angle in [-pi, pi), radians.
+#[inline]
 pub fn wrapped(angle: f64) -> f64 {
-    (angle + PI).rem_euclid(TAU) - PI
+    // Nearly all angles are in the interval, and a remainder takes many times as long.
+    if (-PI..PI).contains(&angle) { angle } else { (angle + PI).rem_euclid(TAU) - PI }
 }
 
 /// Returns the unit vector of an azimuth and an elevation.
