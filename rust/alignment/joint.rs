@@ -81,15 +81,6 @@ pub fn maximise(
     Ok(JointMaximum { estimate: ascent.estimate, moved_px, inverse_curvature: ascent.inverse_curvature })
 }
 
-/// Where the curvature of a round comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Curvature {
-    /// The round before.
-    Known,
-    /// Some of the points, which is fast.
-    OfSome,
-}
-
 /// Some of the samples, weighted to stand for all.
 fn thinned_samples(samples: &[Sample]) -> Cow<'_, [Sample]> {
     let stride = stride(samples.len(), CURVATURE_POINTS);
@@ -151,17 +142,18 @@ impl<'a> JointAscent<'a> {
     /// how many pixels the last round moved them, infinite where the information is constant.
     fn level(&mut self, factor: usize, tolerance: f64) -> Result<f64> {
         let mut moved_px = f64::INFINITY;
-        let mut curvature =
-            if self.inverse_curvature.is_some() { Curvature::Known } else { Curvature::OfSome };
+        let mut is_curvature_known = self.inverse_curvature.is_some();
         let mut level = self.observed(factor);
         for _ in 0..self.config.max_rounds {
-            let Some(Round { moved, wanted }) = self.round(&level, curvature, tolerance)? else { break };
+            let Some(Round { moved, wanted }) = self.round(&level, is_curvature_known, tolerance)? else {
+                break;
+            };
             let most = moved.max(wanted);
             moved_px = most * factor as f64;
             if most < tolerance {
                 break;
             }
-            curvature = if most > CURVATURE_HOLDS { Curvature::OfSome } else { Curvature::Known };
+            is_curvature_known = most <= CURVATURE_HOLDS;
             // If only the pose changes, the observations do not. Else the level before is held meanwhile, so that the
             // blocks are averaged only once.
             if self.variables.count() > 6 {
@@ -180,7 +172,7 @@ impl<'a> JointAscent<'a> {
     }
 
     /// Runs one round. Returns `None` where the information is constant.
-    fn round(&mut self, level: &Level, curvature: Curvature, tolerance: f64) -> Result<Option<Round>> {
+    fn round(&mut self, level: &Level, is_curvature_known: bool, tolerance: f64) -> Result<Option<Round>> {
         let Self { observations, variables, config, .. } = *self;
         let anchor = self.estimate.clone();
         let Selection { moving, constant } = level.select_for_newton(&anchor.pose, variables);
@@ -206,13 +198,13 @@ impl<'a> JointAscent<'a> {
             steps,
             blocks,
         };
-        // Some points do not stand for all where segments, of which there are many, are adjusted for chance.
-        let can_thin = curvature == Curvature::OfSome && !level.observations.has_partitions();
-        let some = if can_thin { thinned_samples(&moving) } else { moving.as_slice().into() };
-        if curvature != Curvature::Known {
+        if !is_curvature_known {
+            // Some points do not stand for all where segments, of which there are many, are adjusted for chance.
+            let can_thin = !level.observations.has_partitions();
+            let some = if can_thin { thinned_samples(&moving) } else { moving.as_slice().into() };
             self.inverse_curvature = penalised.inverse_curvature(&some);
         }
-        let Some(inverse) = &mut self.inverse_curvature else { return Ok(None) };
+        let Some(inverse) = self.inverse_curvature.clone() else { return Ok(None) };
         let Some(result) = penalised.newton(inverse, config.max_steps, tolerance) else { return Ok(None) };
         let NewtonResult { change, moved, wanted } = result;
         self.estimate = anchor.changed(variables, &change, observations.max_baseline_m)?;

@@ -120,7 +120,7 @@ impl Level {
                 let pixels = run
                     .iter()
                     .zip(&projected)
-                    .filter_map(|(sample, place)| Some((sample, &place.as_ref()?.1)));
+                    .filter_map(|(sample, place)| Some((sample.frame as usize, &place.as_ref()?.1)));
                 touch(maps, pixels);
                 for (sample, place) in run.iter().zip(&projected) {
                     let &Some((p_camera, pixel)) = place else { continue };
@@ -231,9 +231,9 @@ pub(super) fn dense_maps<const N: usize>(maps: &[Arc<ShareMap>]) -> Option<Vec<D
     maps.iter().map(|map| map.dense()).collect()
 }
 
-/// Fetches the blocks under the pixels of samples from memory.
-pub(super) fn touch<'a>(maps: &[impl LabelMap], pixels: impl Iterator<Item = (&'a Sample, &'a Point2<f64>)>) {
-    black_box(pixels.fold(0, |read, (sample, pixel)| read ^ maps[sample.frame as usize].touch(pixel)));
+/// Fetches the blocks under pixels of frames, given by their index, from memory.
+pub(super) fn touch<'a>(maps: &[impl LabelMap], pixels: impl Iterator<Item = (usize, &'a Point2<f64>)>) {
+    black_box(pixels.fold(0, |read, (frame, pixel)| read ^ maps[frame].touch(pixel)));
 }
 
 /// Number of points with a class inside the images of all frames, at the pose that sees the most of them, estimated from

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use geometry::camera::Intrinsic;
+use geometry::camera::{Intrinsic, RUN};
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
-use super::level::{Level, with_maps};
+use super::level::{Level, touch, with_maps};
 use super::projection::Projection;
 use super::sample::{Counted, Sample};
 use super::variables::Variables;
@@ -124,7 +124,12 @@ impl Level {
             let map = self.maps[index].as_ref();
             let (mut moving, mut constant) = (Vec::new(), self.joint_of_frames(index..index + 1));
             let mut num_constant = 0;
-            for Projected { index: i, pixel, .. } in self.counted_points(index, pose, counted) {
+            let points = self.counted_points(index, pose, counted);
+            for (place, &Projected { index: i, pixel, .. }) in points.iter().enumerate() {
+                if place % RUN == 0 {
+                    let run = &points[place..(place + RUN).min(points.len())];
+                    touch(maps, run.iter().map(|point| (index, &point.pixel)));
+                }
                 let sampled = maps[index].at(&pixel);
                 let weight = sampled.total() as f32 * frame.weight;
                 if weight <= 0.0 {

@@ -89,7 +89,7 @@ impl Level {
             for (index, mixed) in chunk.iter().enumerate() {
                 if index % RUN == 0 {
                     let run = &chunk[index..(index + RUN).min(chunk.len())];
-                    touch(maps, run.iter().map(|mixed| (&mixed.sample, &mixed.pixel)));
+                    touch(maps, run.iter().map(|mixed| (mixed.sample.frame as usize, &mixed.pixel)));
                 }
                 let part = match split {
                     Split::Whole => (0, 0),
