@@ -15,6 +15,7 @@ use super::selection::Selection;
 use super::test_scene::{scene, segmented};
 use super::variables::{Estimate, Variables, within_baseline};
 use crate::agreement::measure;
+use crate::classes::NO_CLASS;
 use crate::observation::{Frame, Observations};
 
 fn variables(observations: &Observations) -> Variables {
@@ -116,6 +117,34 @@ fn at_the_longest_baseline_it_settles_higher_than_it_began() {
         assert!(found.moved_px < 0.1, "{max_baseline_m}: {}", found.moved_px);
         assert!(pose.translation.vector.norm() < max_baseline_m + 1e-12, "{pose}");
         assert!(information(camera, pose) > information(&observations.camera, &start), "{max_baseline_m}");
+    }
+}
+
+#[test]
+fn the_histogram_at_a_pose_is_that_of_the_samples_there() {
+    let pose = se3::exp(&Vector6::new(0.01, -0.02, 0.01, 0.004, 0.003, -0.006));
+    let mut unlabelled = (*scene(0.3)).clone();
+    let classes = Arc::make_mut(&mut unlabelled.frames[0].point_classes);
+    classes.iter_mut().step_by(3).for_each(|class| *class = NO_CLASS);
+    for observations in [scene(0.3), segmented(2), Arc::new(unlabelled)] {
+        for (counted, max_points) in [
+            (Counted::All, usize::MAX),
+            (Counted::Visible, usize::MAX),
+            (Counted::All, 200),
+            (Counted::Visible, 200),
+        ] {
+            let level = Level::new(Arc::clone(&observations), &[pose], 4, max_points);
+            let samples = level.samples(&pose, counted);
+            assert!(samples.iter().all(|sample| sample.class != NO_CLASS));
+            let (joint, num_samples) = level.joint_at(&pose, counted);
+            assert_eq!(num_samples, samples.len());
+            let expected = level.joint(&samples, &level.projection(&pose));
+            let pairs = joint.weights.iter().zip(&expected.weights);
+            assert!(
+                pairs.into_iter().all(|(found, expected)| (found - expected).abs() < 1e-4),
+                "{counted:?}"
+            );
+        }
     }
 }
 

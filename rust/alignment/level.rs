@@ -239,17 +239,17 @@ pub(super) fn touch<'a>(maps: &[impl LabelMap], pixels: impl Iterator<Item = (us
 /// Number of points with a class inside the images of all frames, at the pose that sees the most of them, estimated from
 /// some of them.
 fn num_in_image(observations: &Observations, poses: &[Isometry3<f64>]) -> usize {
-    let some = |frame: &Frame| {
+    let thinned_points = |frame: &Frame| {
         let stride = stride(frame.points.len(), NUM_PROJECTED);
         (stride, SomePoints::of(frame, stride))
     };
-    let some: Vec<_> = observations.frames.par_iter().map(some).collect();
+    let of_frames: Vec<_> = observations.frames.par_iter().map(thinned_points).collect();
     let num_seen = |pose| {
         let of_frame = |(frame, (stride, points)): (&Frame, &(usize, SomePoints))| {
-            let seen = project_points(&observations.camera, points.iter(), pose);
-            stride * seen.iter().filter(|point| frame.has_class(point.index)).count()
+            let with_class = points.iter().filter(|(point, _)| frame.has_class(*point));
+            stride * project_points(&observations.camera, with_class, pose).len()
         };
-        observations.frames.iter().zip(&some).map(of_frame).sum()
+        observations.frames.iter().zip(&of_frames).map(of_frame).sum()
     };
     poses.par_iter().map(num_seen).max().unwrap_or(0)
 }

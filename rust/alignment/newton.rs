@@ -1,7 +1,7 @@
 //! Newton's method on one choice of points, over the pose and the other variables of the estimate.
 //!
 //! The objective is piecewise smooth with a smoothed cusp at its maximum, so its pointwise second derivative is
-//! meaningless: curvature is the difference of gradients across a block. Steps follow independent motions of the
+//! meaningless: curvature is the difference of gradients across a block, and learns from the steps. Steps follow independent motions of the
 //! points: a rotation of the camera and a shift of the principal point that nearly cancels it become one strong and
 //! one weak motion.
 
@@ -17,12 +17,14 @@ use crate::mutual_information::JointHistogram;
 pub(super) const HALF_WIDTH: f64 = 0.5;
 /// Longest step, blocks.
 const MAX_STEP: f64 = 1.0;
-/// A step that does not ascend is shortened to a fraction of its length between these (Nocedal and Wright, section 3.5).
-const SHORTENED: (f64, f64) = (0.1, 0.5);
-/// The search along a step ends at this fraction of its length.
+/// A trial that does not ascend is shortened to a fraction of its length between these (Nocedal and Wright, section 3.5).
+const MIN_SHORTENING: f64 = 0.1;
+const MAX_SHORTENING: f64 = 0.5;
+/// Shortest trial, relative to the step.
 const SHORTEST: f64 = 1.0 / 16.0;
-/// Least loss of slope along a step from which the curvature learns, relative to the expected one.
-const LEAST_LOSS: f64 = 1e-3;
+/// The curvature learns from a trial along which the slope falls by at least this share of it: one of the conditions of
+/// Wolfe, under which it stays that of a maximum (Nocedal and Wright, eq. 3.6b).
+const MIN_FALL: f64 = 0.1;
 /// Curvature floor, relative to the largest eigenvalue.
 const MIN_CURVATURE: f64 = 1e-3;
 /// Longest step of the translation, metres, however little it moves the points.
@@ -105,7 +107,8 @@ pub(super) struct NewtonResult {
     pub change: DVector<f64>,
     /// Distance, blocks, by which it moved the points.
     pub moved: f64,
-    /// Distance, blocks, by which it still tried to move them: the maximum is a cusp, or the curvature is wrong.
+    /// Length, blocks, of the last trial if it gained nothing, because the maximum is a cusp or the curvature wrong; else
+    /// zero.
     pub wanted: f64,
 }
 
@@ -120,10 +123,11 @@ impl PenalisedInformation<'_> {
     /// Takes at most `max_steps` steps, until one moves the points by fewer blocks than `tolerance`. `None` if
     /// numbers overflow.
     ///
-    /// The inverse curvature learns from each step, even one without gain (BFGS; Nocedal and Wright, Numerical
-    /// Optimization, eq. 6.17). At a cusp, which no curvature describes, steps thus turn along the ridge instead of crossing
-    /// it again and again (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, 2013). What is learnt holds
-    /// for this ridge alone: handed on from one speed of a rig to the next, it ended at 16 instead of 20 m/s.
+    /// A copy of the inverse curvature learns from each step, even from one without gain (BFGS; Nocedal and Wright,
+    /// Numerical Optimization, eq. 6.17). At a cusp, which no curvature describes, steps thus turn along the ridge instead of
+    /// crossing it again and again (Lewis and Overton, Nonsmooth optimization via quasi-Newton methods, 2013). What is
+    /// learnt holds for this ridge alone: when it was handed on from one speed of a rig to the next, the fit of the speed
+    /// ended at 16 instead of 20 m/s.
     pub fn newton(
         &self,
         mut inverse: DMatrix<f64>,
@@ -142,22 +146,25 @@ impl PenalisedInformation<'_> {
                 return None;
             }
             step *= (MAX_STEP / length).min(1.0);
+            // If even the shortest trial gains nothing, the maximum is nearer than that.
+            wanted = SHORTEST * length.min(MAX_STEP);
             let Some(Trial { change: next, value: next_value, placed }) =
-                self.along(&change, value, &step, &gradient)
+                self.search_along(&change, value, &step, &gradient)
             else {
                 break;
             };
             let (taken, is_higher) = (&next - &change, next_value > value);
-            let moved = blocks(&taken);
-            wanted = if is_higher { 0.0 } else { moved };
-            if moved < tolerance {
+            if is_higher {
+                wanted = 0.0;
+            }
+            if blocks(&taken) < tolerance {
                 if is_higher {
                     change = next;
                 }
                 break;
             }
             let next_gradient = self.gradient(&next, placed);
-            let has_learnt = learn(&mut inverse, &taken, &(&gradient - &next_gradient));
+            let has_learnt = learn(&mut inverse, &taken, &gradient, &next_gradient);
             if is_higher {
                 (change, value, gradient) = (next, next_value, next_gradient);
             } else if !has_learnt {
@@ -169,7 +176,7 @@ impl PenalisedInformation<'_> {
 
     /// Shortens a step from a change with a value and a gradient until it gains something. Returns the last trial; `None`
     /// if its camera is impossible.
-    fn along(
+    fn search_along(
         &self,
         change: &DVector<f64>,
         value: f64,
@@ -181,16 +188,17 @@ impl PenalisedInformation<'_> {
         loop {
             let next = self.near.stepped(change, &(step * by), self.level.observations.max_baseline_m);
             let tried = self.value(&next);
-            let loss = match &tried {
+            let drop = match &tried {
                 Some((next_value, _)) => value - next_value,
                 None => f64::INFINITY,
             };
-            if loss < 0.0 || by <= SHORTEST {
+            if drop < 0.0 || by <= SHORTEST {
                 return tried.map(|(value, placed)| Trial { change: next, value, placed });
             }
             // To the maximum of the parabola through both values with the slope at the start.
             let rise = slope * by;
-            by = (by * (0.5 * rise / (rise + loss)).clamp(SHORTENED.0, SHORTENED.1)).max(SHORTEST);
+            let shortening = (0.5 * rise / (rise + drop)).clamp(MIN_SHORTENING, MAX_SHORTENING);
+            by = (by * shortening).max(SHORTEST);
         }
     }
 
@@ -238,18 +246,24 @@ impl PenalisedInformation<'_> {
     }
 }
 
-/// Updates the inverse of a negative Hessian by a step, and by the gradient that was lost along it (BFGS). Returns false if
-/// the step says nothing about a maximum, because the slope hardly falls along it.
-fn learn(inverse: &mut DMatrix<f64>, step: &DVector<f64>, lost: &DVector<f64>) -> bool {
-    let stretched = &*inverse * lost;
-    let (loss, expected) = (step.dot(lost), lost.dot(&stretched));
-    if loss <= LEAST_LOSS * expected {
-        return false;
+/// Updates the inverse of a negative Hessian by a step and the gradients before and after it (BFGS). Returns false if the
+/// step says nothing about a maximum, because the slope hardly falls along it.
+fn learn(
+    inverse: &mut DMatrix<f64>,
+    step: &DVector<f64>,
+    before: &DVector<f64>,
+    after: &DVector<f64>,
+) -> bool {
+    let lost = before - after;
+    let fall = step.dot(&lost);
+    let is_telling = fall > MIN_FALL * step.dot(before).abs();
+    if is_telling {
+        let stretched = &*inverse * &lost;
+        let crossed = step * stretched.transpose();
+        *inverse += step * step.transpose() * ((1.0 + lost.dot(&stretched) / fall) / fall);
+        *inverse -= (&crossed + crossed.transpose()) / fall;
     }
-    let crossed = step * stretched.transpose();
-    *inverse += step * step.transpose() * ((1.0 + expected / loss) / loss);
-    *inverse -= (&crossed + crossed.transpose()) / loss;
-    true
+    is_telling
 }
 
 #[cfg(test)]
@@ -258,18 +272,23 @@ mod tests {
 
     #[test]
     fn curvature_learns_what_a_step_shows_and_stays_that_of_a_maximum() {
-        let mut inverse = DMatrix::from_diagonal(&DVector::from_column_slice(&[1.0, 4.0, 0.5]));
-        let before = inverse.clone();
-        let (step, lost) =
-            (DVector::from_column_slice(&[0.3, -0.1, 0.2]), DVector::from_column_slice(&[2.0, 0.5, 1.0]));
-        assert!(learn(&mut inverse, &step, &lost));
-        // The secant equation.
-        assert!((&inverse * &lost - &step).norm() < 1e-12);
-        assert!((&inverse - inverse.transpose()).norm() < 1e-12);
-        assert!(inverse.symmetric_eigenvalues().min() > 0.0);
-        // A slope that grows along the step is not that of a maximum.
-        let mut unchanged = before.clone();
-        assert!(!learn(&mut unchanged, &step, &-lost));
-        assert_eq!(unchanged, before);
+        let vector = |values: [f64; 3]| DVector::from_column_slice(&values);
+        let inverse = DMatrix::from_diagonal(&vector([1.0, 4.0, 0.5]));
+        let (step, before) = (vector([0.3, -0.1, 0.2]), vector([1.0, 0.0, 0.5]));
+        // Slopes that turn gently, and at a ridge two thousand times as sharp as expected.
+        for lost in [vector([0.2, 0.05, 0.1]), &step * 2000.0] {
+            let mut learnt = inverse.clone();
+            assert!(learn(&mut learnt, &step, &before, &(&before - &lost)));
+            // The secant equation.
+            assert!((&learnt * &lost - &step).norm() < 1e-12);
+            assert!((&learnt - learnt.transpose()).norm() < 1e-12);
+            assert!(learnt.symmetric_eigenvalues().min() > 0.0);
+        }
+        // Slopes that hardly fall, that grow, and that are no numbers are not those of a maximum.
+        for lost in [&before * 0.05, &before * -1.0, &before * f64::NAN] {
+            let mut unchanged = inverse.clone();
+            assert!(!learn(&mut unchanged, &step, &before, &(&before - &lost)));
+            assert_eq!(unchanged, inverse);
+        }
     }
 }

@@ -9,7 +9,7 @@ use crate::pyramid::{Corners, Sampled};
 pub enum Counted {
     /// All of them.
     All,
-    /// The points that no nearer return occludes.
+    /// The points that no nearer return among those used occludes.
     Visible,
 }
 

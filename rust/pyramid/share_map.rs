@@ -310,7 +310,8 @@ mod tests {
 
     #[test]
     fn levels_are_averaged_as_classes_are_and_may_be_none() {
-        // Three rows of blocks, so that all four around a pixel count. Up to eight levels are counted otherwise than more.
+        // Three rows of blocks, so that all four around a pixel count. Up to eight levels are counted in the bytes of a
+        // number, more in a table.
         for num_levels in [8, 19] {
             let ids = (0..36)
                 .map(|pixel| if pixel == 20 { NO_CLASS } else { (7 * pixel % num_levels) as u8 })
@@ -349,6 +350,12 @@ mod tests {
         let maps = [ShareMap::of_levels(&image, 2), blocks_of_two((*image).clone())];
         assert_eq!(maps[0].blocks.only(), maps[1].blocks.only());
         assert_eq!(maps[0].blocks.only()[..2], [4, NO_CLASS]);
+        // The most pixels that a byte counts, and more.
+        for factor in [15, 16] {
+            let ids = (0..factor * 2 * factor).map(|pixel| if pixel % (2 * factor) < factor { 7 } else { 3 });
+            let image = Arc::new(LabelImage { width: 2 * factor, height: factor, ids: ids.collect() });
+            assert_eq!(ShareMap::of_levels(&image, factor).blocks.only(), [7, 3]);
+        }
         let empty = Arc::new(LabelImage { width: 4, height: 2, ids: vec![NO_CLASS; 8] });
         for map in [ShareMap::of_levels(&empty, 2), ShareMap::blurred(&empty, 1.0)] {
             let pixel = Point2::new(1.2, 0.8);

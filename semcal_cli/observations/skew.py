@@ -100,7 +100,7 @@ class Skew(NamedTuple):
         return observations if speed_m_s == 0.0 else self.at_speeds(observations)(speed_m_s)
 
     def at_speeds(self, observations: Observations) -> Callable[[float], Observations]:
-        """Make the function that deskews the same observations by one speed after another, as `deskewed` does."""
+        """Return a function that deskews these observations by a speed; the times of the points are computed once."""
 
         def seconds(cloud: LabelledCloud, moment_s: float) -> Numbers:
             return self.spin.times(observations.rays(cloud.points)) - moment_s
@@ -113,8 +113,10 @@ class Skew(NamedTuple):
             # The frames by one cue follow those by another.
             since_s = list(pool.map(seconds, clouds, cycle(self.moments_s)))
 
-        def deskewed(speed_m_s: float) -> Observations:
+        def at_speed(speed_m_s: float) -> Observations:
+            if speed_m_s == 0.0:
+                return observations
             with thread_pool() as pool:
                 return observations.with_clouds(pool.map(moved, clouds, since_s, repeat(speed_m_s)))
 
-        return lambda speed_m_s: observations if speed_m_s == 0.0 else deskewed(speed_m_s)
+        return at_speed

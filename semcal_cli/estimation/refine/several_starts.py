@@ -167,8 +167,10 @@ class SeveralStarts:
         compared = partial(self._compared, visible_only=visible_only)
 
         def polished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
-            poses = newton_from_each(self.observations, [end.T_camera_lidar for end in ends], PolishConfig())
-            near = [pose for pose in poses if self._is_near(pose)]
+            poses = [end.T_camera_lidar for end in ends]
+            tops = newton_from_each(self.observations, poses, PolishConfig())
+            # A polish may lead too far away.
+            near = [top if self._is_near(top) else pose for pose, top in zip(poses, tops, strict=True)]
             return compared(near) if near else []
 
         def near_a_maximum(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
@@ -179,7 +181,7 @@ class SeveralStarts:
         ends = near_a_maximum(ends)[:NUM_POLISHED]
         candidate_ends = [*candidates, *polished(near_a_maximum(candidates))]
         needed = max(end.value for end in candidate_ends)
-        ranked = sorted([*(polished(ends) or ends), *candidate_ends], key=lambda end: -end.value)
+        ranked = sorted([*polished(ends), *candidate_ends], key=lambda end: -end.value)
         best, *others = [maximum for maximum in _distinct(ranked) if maximum.value >= needed]
         gains = core.information_gains(
             self.observations.core,
