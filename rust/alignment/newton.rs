@@ -1,9 +1,9 @@
 //! Newton's method on one choice of points, over the pose and the other variables of the estimate.
 //!
 //! The objective is piecewise smooth with a smoothed cusp at its maximum, so its pointwise second derivative is
-//! meaningless: curvature is the difference of gradients across a block, and learns from the steps. Steps follow independent motions of the
-//! points: a rotation of the camera and a shift of the principal point that nearly cancels it become one strong and
-//! one weak motion.
+//! meaningless: curvature is the difference of gradients across a block, and learns from the steps. It is computed along
+//! independent motions of the points: a rotation of the camera and a shift of the principal point that nearly cancels it
+//! become one strong and one weak motion.
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6};
 

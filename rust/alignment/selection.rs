@@ -180,8 +180,8 @@ impl Level {
                 return project_points(camera, with_class, pose);
             }
             Counted::Visible if self.stride == 1 => frame.points.in_image(camera, pose, origin),
-            // Thinned points hide one another over a wider spacing, a tenth more of them than all points do. By edges and
-            // by labels, searches end at the same maxima, in three quarters of the time.
+            // Thinned points hide one another over a wider spacing: on KITTI object, 7 to 18 % fewer of them are seen than
+            // with all points, and searches end at the same maxima.
             Counted::Visible => {
                 let points = project_points(camera, used(), pose);
                 let hidden = hidden(camera, &frame.points, origin, &points);

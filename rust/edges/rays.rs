@@ -82,7 +82,7 @@ impl Ray {
     /// Vector from the point, metres, to its range at another azimuth, radians of arc away.
     pub fn turned(&self, arc: f64, points: &[[f32; 3]]) -> [f32; 3] {
         let own = self.direction(points);
-        let (sine, cosine) = (arc / own.xy().norm().max(MIN_COSINE)).sin_cos();
+        let (sine, cosine) = (arc / self.across()).sin_cos();
         let turned = Vector3::new(cosine * own.x - sine * own.y, sine * own.x + cosine * own.y, own.z);
         self.between(&own, &turned)
     }
