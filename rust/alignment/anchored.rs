@@ -35,9 +35,12 @@ impl Anchored {
         constant_radius: usize,
     ) -> Self {
         let level = Level::new(observations, &[*anchor], factor, max_points);
-        let Selection { moving: samples, constant } = match constant_radius {
-            0 => Selection { moving: level.samples(anchor, counted), constant: level.empty_joint() },
-            radius => level.select(anchor, counted, radius),
+        let (samples, constant) = match constant_radius {
+            0 => (level.samples(anchor, counted), level.empty_joint()),
+            radius => {
+                let Selection { moving, constant, .. } = level.select(anchor, counted, radius);
+                (moving, constant)
+            }
         };
         let preconditioner = level.preconditioner(&samples, anchor);
         let samples = if preconditioner.is_some() { samples } else { Vec::new() };

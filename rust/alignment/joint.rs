@@ -176,7 +176,7 @@ impl<'a> JointAscent<'a> {
     fn round(&mut self, level: &Level, is_curvature_known: bool, tolerance: f64) -> Result<Option<Round>> {
         let Self { observations, variables, config, .. } = *self;
         let anchor = self.estimate.clone();
-        let Selection { moving, constant } = level.select_for_newton(&anchor.pose, variables);
+        let Selection { moving, constant, .. } = level.select_for_newton(&anchor.pose, variables);
         let near = Neighbourhood::new(variables, &anchor)?;
         // The pose alone has its own motions, those of the ascents that led here.
         let steps = if variables.count() == 6 {

@@ -162,7 +162,7 @@ fn points_amid_one_class_are_summed_up_once() {
     let level = Level::new(scene(0.0), &[], 1, usize::MAX);
     let pose = Isometry3::identity();
     let all = level.samples(&pose, Counted::All);
-    let Selection { moving: left, constant } = level.select(&pose, Counted::All, 2);
+    let Selection { moving: left, constant, .. } = level.select(&pose, Counted::All, 2);
     assert!(left.len() < all.len() && constant.total() > 0.0);
     // A third of a pixel away, the points that were left out have not changed.
     let nearby = level.projection(&se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.005, 0.0, 0.0)));
@@ -178,7 +178,7 @@ fn plain_points_are_counted_and_pull_nothing() {
     observations.frames[0].plain_class = Some(1);
     let (level, pose) = (Level::new(Arc::new(observations), &[], 1, usize::MAX), Isometry3::identity());
     let all = level.samples(&pose, Counted::Visible);
-    let Selection { moving, constant } = level.select_for_newton(&pose, &Variables::default());
+    let Selection { moving, constant, .. } = level.select_for_newton(&pose, &Variables::default());
     assert!(all.iter().any(|sample| sample.class == 1) && !moving.is_empty());
     assert!(moving.iter().all(|sample| sample.class != 1));
     let here = level.projection(&pose);

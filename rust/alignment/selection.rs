@@ -64,24 +64,26 @@ pub struct Selection {
     pub moving: Vec<Sample>,
     /// Pairs of the remaining points.
     pub constant: JointHistogram,
+    /// Number of the remaining points.
+    pub num_constant: usize,
 }
 
 impl Level {
     /// Labelled points on labelled pixels, weighted at the anchor pose.
     pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
-        self.select_where(pose, counted, |_, _, _| false).0.moving
+        self.select_where(pose, counted, |_, _, _| false).moving
     }
 
     /// The joint histogram of [`Level::samples`] at their anchor pose, and their number.
     pub fn joint_at(&self, pose: &Isometry3<f64>, counted: Counted) -> (JointHistogram, usize) {
-        let (Selection { constant, .. }, num_samples) = self.select_where(pose, counted, |_, _, _| true);
-        (constant, num_samples)
+        let Selection { constant, num_constant, .. } = self.select_where(pose, counted, |_, _, _| true);
+        (constant, num_constant)
     }
 
     /// Selects points like [`Level::samples`], except that points at least `radius` blocks inside one class are only
     /// counted: their pairs do not change while they move by less.
     pub fn select(&self, pose: &Isometry3<f64>, counted: Counted, radius: usize) -> Selection {
-        self.select_where(pose, counted, |map, pixel, _| map.only_class_around(pixel, radius).is_some()).0
+        self.select_where(pose, counted, |map, pixel, _| map.only_class_around(pixel, radius).is_some())
     }
 
     /// Selects visible points like [`Level::select`] for Newton's method. Where it seeks the pose, alone or with cx, those
@@ -100,16 +102,15 @@ impl Level {
         let is_constant = |map: &ShareMap, pixel: &Point2<f64>, is_plain: bool| {
             (is_plain && can_leave_out) || map.only_class_around(pixel, CONSTANT_RADIUS).is_some()
         };
-        self.select_where(pose, Counted::Visible, is_constant).0
+        self.select_where(pose, Counted::Visible, is_constant)
     }
 
-    /// Selects points, and counts the samples of both kinds.
     fn select_where(
         &self,
         pose: &Isometry3<f64>,
         counted: Counted,
         is_constant: impl Fn(&ShareMap, &Point2<f64>, bool) -> bool + Sync,
-    ) -> (Selection, usize) {
+    ) -> Selection {
         with_maps!(&self.maps, maps => self.select_on(&maps, pose, counted, is_constant))
     }
 
@@ -119,7 +120,7 @@ impl Level {
         pose: &Isometry3<f64>,
         counted: Counted,
         is_constant: impl Fn(&ShareMap, &Point2<f64>, bool) -> bool + Sync,
-    ) -> (Selection, usize) {
+    ) -> Selection {
         let of_frame = |(index, frame): (usize, &Frame)| {
             let map = self.maps[index].as_ref();
             let (mut moving, mut constant) = (Vec::new(), self.joint_of_frames(index..index + 1));
@@ -160,13 +161,12 @@ impl Level {
         };
         let (moving, of_frames): (Vec<Vec<Sample>>, Vec<(JointHistogram, usize)>) =
             self.observations.frames.par_iter().enumerate().map(of_frame).unzip();
-        let (mut constant, moving) = (self.empty_joint(), moving.concat());
-        let mut num_samples = moving.len();
-        for (of_frame, num_constant) in &of_frames {
+        let (mut constant, mut num_constant) = (self.empty_joint(), 0);
+        for (of_frame, num_of_frame) in &of_frames {
             constant.merge(of_frame);
-            num_samples += num_constant;
+            num_constant += num_of_frame;
         }
-        (Selection { moving, constant }, num_samples)
+        Selection { moving: moving.concat(), constant, num_constant }
     }
 
     /// The labelled points of a frame that are inside the image and count, thinned.

@@ -64,7 +64,7 @@ pub fn sensitivity(
     config: &SensitivityConfig,
 ) -> Option<Sensitivity> {
     let level = Level::new(in_view(observations, &[*pose]), &[*pose], config.factor, config.max_points);
-    let Selection { moving: mut samples, constant } = level.select_for_newton(pose, variables);
+    let Selection { moving: mut samples, constant, .. } = level.select_for_newton(pose, variables);
     level.as_shares_of_classes(&mut samples, pose);
     let anchor = Estimate { pose: *pose, camera: observations.camera.clone(), offset_s: 0.0 };
     let near = Neighbourhood::new(variables, &anchor).ok()?;
