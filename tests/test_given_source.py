@@ -205,12 +205,14 @@ def test_nothing_that_was_not_named_is_replaced(
     assert "`semcal calibrate kitti_drive` takes them" in err
 
 
-def test_an_empty_folder_gets_advice(tmp_path: Path, cli: Cli) -> None:
-    code, _, err = cli("calibrate", tmp_path, "-o", tmp_path / "c.yaml")
+@pytest.mark.parametrize("command", ["calibrate", "inspect", "odometry"])
+def test_an_empty_folder_gets_advice(command: str, tmp_path: Path, cli: Cli) -> None:
+    output = [] if command == "inspect" else ["-o", tmp_path / "c.yaml"]
+    code, _, err = cli(command, tmp_path, *output)
     assert code == 1
     assert err == (
-        f"semcal: error: {tmp_path}: found a folder without a drive, expected a drive.yaml, a recording or a data set; "
-        "`semcal import --help` lists what makes a drive\n"
+        f"semcal: error: {tmp_path}: found a folder without a drive.yaml; `semcal import --help` lists what makes a "
+        "drive\n"
     )
 
 

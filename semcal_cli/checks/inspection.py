@@ -282,14 +282,18 @@ def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:
 
 
 def _pattern(drive: Drive, points: Sequence[Points]) -> str:
-    """Describe the stated channels, or how close points lie; counted channels of real LiDARs came out wrong."""
+    """Describe the stated channels, or how close points lie, and which points are the LiDAR's own.
+
+    Counted channels of real LiDARs came out wrong.
+    """
+    own = "" if drive.lidar is None or drive.lidar.own_points is None else f", {drive.lidar.own_points}"
     if drive.lidar is not None and drive.lidar.channels is not None:
-        return f"{drive.lidar.channels} channels, as the drive states"
+        return f"{drive.lidar.channels} channels, as the drive states{own}"
     try:
         grid = core.estimate_grid(points)
     except CalibrationError as error:
         return str(error)
-    return f"about {math.degrees(grid.cell_height):.2f} degrees between points"
+    return f"about {math.degrees(grid.cell_height):.2f} degrees between points{own}"
 
 
 def _field_of_points(points: Sequence[Points]) -> tuple[tuple[float, float], float]:

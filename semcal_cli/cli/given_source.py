@@ -25,7 +25,6 @@ from semcal_cli.errors import (
     shell,
 )
 from semcal_cli.files.documents import FORMATS, output_format
-from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import write_bytes
 from semcal_cli.importing.recognition import Recognised, recognise
 
@@ -119,10 +118,6 @@ def _source_of(given: Path, settings: RecordingSettings) -> Recognised | None:
     if source is None:
         why = f"is for a recording or a data set, but {given} is none"
         refuse(context, (*OF_RECORDINGS, *OF_DATASETS), why, sources=[COMMANDLINE])
-        if is_folder(given) and not any((given / name).exists() for name in (DRIVE_FILE, RIG_FILE)):
-            needed = f"expected a {DRIVE_FILE}, a recording or a data set"
-            advice = "`semcal import --help` lists what makes a drive"
-            raise InputError(f"{given}: found a folder without a drive, {needed}; {advice}")
         return None
     if not source.is_importable:
         raise InputError(source.advice(given))

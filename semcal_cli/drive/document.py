@@ -316,8 +316,12 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     """
     path = Path(path)
     file = drive_file(path)
-    if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
-        raise InputError(f"{path / RIG_FILE}: {RIG_FOUND}")
+    if is_folder(path) and not file.exists():
+        if (path / RIG_FILE).exists():
+            raise InputError(f"{path / RIG_FILE}: {RIG_FOUND}")
+        raise InputError(
+            f"{path}: found a folder without a {DRIVE_FILE}; `semcal import --help` lists what makes a drive"
+        )
     _check_no_data(file)
     document = read_document(file)
     if RIG in document:

@@ -28,8 +28,8 @@ LASZIP = struct.Struct("<12xI16xH")
 """LASzip's record: points in a chunk, and items in a point."""
 MIN_CHUNK_POINTS = 100
 """Minimum number of points in a chunk; with smaller chunks, the table is larger than the data."""
-FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label"}
-"""Fields of a LAS file that are used in addition to the coordinates, with their names in a cloud."""
+FIELDS = {"intensity": "intensity", "gps_time": "t", "classification": "label"}
+"""Fields of a LAS file that are used in addition to the coordinates, with the names that a cloud prefers for them."""
 
 
 def check_las(path: Path, file: BinaryIO, max_points: int) -> None:
