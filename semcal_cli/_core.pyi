@@ -42,6 +42,7 @@ __all__ = [
     "LabelledCloud",
     "LabelledImage",
     "MiniBatch",
+    "NearestRanges",
     "Observations",
     "Partitions",
     "PointCloud",
@@ -75,6 +76,7 @@ __all__ = [
     "information_gains",
     "look_up_classes",
     "maximise",
+    "nearest_ranges",
     "parse_point_cloud",
     "polish",
     "project_points",
@@ -90,10 +92,12 @@ __all__ = [
     "segment_sweeps",
     "sensitivity",
     "set_num_threads",
+    "shares_alike",
     "shares_of_scores",
     "steps_at_label_borders",
     "steps_at_label_changes",
     "student_quantile",
+    "sweep_shifts",
     "synthetic_classes",
     "turned_partitions",
     "unroll",
@@ -890,6 +894,22 @@ def estimate_up(points: Sequence[_Float32]) -> Up | None:
     """Estimate the direction away from the ground from a drive's sweeps (N, 3), for any mounting of the LiDAR.
 
     Returns None if no plane has nearly all returns on one side.
+    """
+
+@final
+class NearestRanges:
+    """Range of the nearest point of a sweep in each cell of directions."""
+
+def nearest_ranges(points: Sequence[_Float32]) -> list[NearestRanges]:
+    """Compute the ranges of the nearest points of sweeps (N, 3), metres, LiDAR frame, in cells of 2 degrees."""
+
+def shares_alike(sweeps: Sequence[NearestRanges]) -> NDArray[np.float64]:
+    """Compute the share (F, F) of directions seen in either of two sweeps that have the same range in both."""
+
+def sweep_shifts(pairs: Sequence[tuple[_Float32, _Float32]]) -> list[float | None]:
+    """Measure how far the LiDAR moves over the ground between the two sweeps (N, 3) of each pair, metres.
+
+    A shift is None where it cannot be seen. It is precise to 0.05 m.
     """
 
 def segment_sweeps(

@@ -30,7 +30,7 @@ MORE_PUBLIC_NAMES = {
     "estimation/uncertainty": 28,
     "files": 84,
     "geometry": 30,
-    "observations": 65,
+    "observations": 62,
     "pipeline": 29,
     "result": 55,
 }

@@ -3,7 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.observations.scenes import alike_frames, ranges_of, shares_alike
+from semcal_cli import core
+from semcal_cli.observations.scenes import alike_frames
 
 NUM_DIRECTIONS = 20
 
@@ -20,7 +21,7 @@ def test_the_share_is_of_directions_that_either_frame_sees() -> None:
     # Unseen, another range, and one within the tolerance.
     fewer[:4], fewer[4:9], fewer[9:12] = 0.0, 11.0, 10.1
     unseen = np.zeros(NUM_DIRECTIONS)
-    shares = shares_alike([ring(each) for each in (whole, fewer, unseen)])
+    shares = core.shares_alike(core.nearest_ranges([ring(each) for each in (whole, fewer, unseen)]))
     np.testing.assert_array_equal(shares, [[1.0, 11 / 20, 0.0], [11 / 20, 1.0, 0.0], [0.0, 0.0, 0.0]])
 
 
@@ -29,7 +30,7 @@ def test_frames_show_one_scene_by_way_of_others() -> None:
     ranges = np.full((4, NUM_DIRECTIONS), 10.0)
     ranges[1:, :5], ranges[2:, 5:10], ranges[3:] = 12.0, 12.0, 20.0
     first, second, third, other = (ring(each) for each in ranges)
-    assert alike_frames(ranges_of([first, other, third, second])) == [0, 1, 0, 0]
-    assert alike_frames(ranges_of([first, other, third])) == [0, 1, 2]
-    assert alike_frames(ranges_of([first])) == [0]
-    assert alike_frames(ranges_of([])) == []
+    assert alike_frames(core.nearest_ranges([first, other, third, second])) == [0, 1, 0, 0]
+    assert alike_frames(core.nearest_ranges([first, other, third])) == [0, 1, 2]
+    assert alike_frames(core.nearest_ranges([first])) == [0]
+    assert alike_frames(core.nearest_ranges([])) == []

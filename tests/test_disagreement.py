@@ -25,7 +25,7 @@ from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.reading import load_observations
-from semcal_cli.observations.scenes import alike_frames, ranges_of
+from semcal_cli.observations.scenes import alike_frames
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.report.figures import frames_plots
@@ -145,8 +145,8 @@ def test_images_of_another_moment_and_mirrored_ones_are_named(
 def test_frames_of_one_scene_are_told_from_others(long_street: RawDrive, rng: np.random.Generator) -> None:
     a, b, c = (frame.points for frame in long_street.frames[:3])
     noisy = (a + 0.005 * rng.standard_normal(a.shape)).astype(np.float32)
-    assert alike_frames(ranges_of([a, b, noisy, c, b])) == [0, 1, 0, 3, 1]
-    assert alike_frames(ranges_of([frame.points for frame in long_street.frames])) == list(range(8))
+    assert alike_frames(core.nearest_ranges([a, b, noisy, c, b])) == [0, 1, 0, 3, 1]
+    assert alike_frames(core.nearest_ranges([frame.points for frame in long_street.frames])) == list(range(8))
 
 
 @pytest.mark.parametrize("noise_m", [None, 0.005])

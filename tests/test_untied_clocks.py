@@ -9,8 +9,8 @@ import pytest
 from conftest import edited, make_pose, with_twists
 from moving_street import MovingStreet
 
+from semcal_cli import core
 from semcal_cli.checks.families import check_recording
-from semcal_cli.checks.sweep_shift import shifts_m
 from semcal_cli.config import CalibrationConfig, PolishConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.stated_motion import Motion, Twist
@@ -165,8 +165,8 @@ def test_the_way_between_sweeps_is_measured(late: Path) -> None:
     files = [(drive.resolve(frame.points), None) for frame in drive.frames[:3]]
     first, second, third = (cloud.points[:, :3] for cloud in read_point_clouds(files, 10**6))
     # A sweep every 0.3 s; the grid has steps of 5 cm.
-    assert shifts_m([(first, second), (second, third)]) == pytest.approx([2.4, 2.4], abs=0.05)
-    assert shifts_m([(first, first)]) == [0.0]
+    assert core.sweep_shifts([(first, second), (second, third)]) == pytest.approx([2.4, 2.4], abs=0.05)
+    assert core.sweep_shifts([(first, first)]) == [0.0]
 
 
 def test_images_one_frame_late_are_not_trusted(late: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -95,6 +96,19 @@ def test_verdicts(
     assert [
         case.name for case in suite if any(isinstance(r, junitparser.Failure) for r in case.result)
     ] == failing
+
+
+def test_no_other_mounting_is_searched_where_only_the_clocks_are_in_doubt(
+    street: Path, tmp_path: Path
+) -> None:
+    untied = tmp_path / "untied"
+    shutil.copytree(street, untied)
+    document = read_document(untied / DRIVE_FILE) | {"synchronization": "unknown"}
+    write_text(document_text(document, "yaml"), untied / DRIVE_FILE)
+    found = invoke("verify", untied, street, "--json")
+    report = json.loads(found.stdout)
+    assert (found.exit_code, report["topics"]) == (INCONCLUSIVE, ["untied-clocks"])
+    assert "candidate mountings" not in found.stderr
 
 
 def test_junit_names_the_entry_of_each_reason() -> None:

@@ -14,6 +14,7 @@ mod lines_of_sight;
 mod motion;
 mod observations;
 mod registration;
+mod scenes;
 mod segmentation;
 mod semantic_distance;
 mod statistics;
@@ -59,6 +60,7 @@ mod _core {
             PyCorrespondences, PyGrid, PyHypothesis, PySphericalImages, estimate_grid, register,
             sample_correspondences, scan_grid,
         },
+        scenes::{PyNearestRanges, nearest_ranges, shares_alike, sweep_shifts},
         segmentation::{
             PyPartitions, PySegmentedSweep, PyUp, estimate_up, segment_sweeps, turned_partitions,
         },

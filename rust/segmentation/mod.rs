@@ -20,7 +20,7 @@ use nalgebra::{UnitVector3, Vector3};
 
 pub use sweep::segment_sweeps;
 pub use turned::turned;
-pub use up::estimate_up;
+pub use up::{Up, estimate_up};
 
 /// The segment id of a point in no segment.
 pub const NO_SEGMENT: u32 = u32::MAX;

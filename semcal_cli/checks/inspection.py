@@ -42,7 +42,7 @@ from semcal_cli.observations.motion import motion_error_px
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.point_times import checked_times
 from semcal_cli.observations.reading import count_labels, load_observations, read_clouds, read_label_images
-from semcal_cli.observations.scenes import alike_frames, nearest_ranges
+from semcal_cli.observations.scenes import alike_frames
 
 NUM_PROBED = 4
 """Number of frames whose clouds are measured, and registered unchanged and mirrored."""
@@ -142,7 +142,7 @@ def inspect(drive: Drive) -> DriveReport:
     readable = [index for index, frame in enumerate(frames) if frame.num_points]
     if not readable:
         raise InputError(frames[0].suspicions[0])
-    num_scenes = len(set(alike_frames([ranges[index] for index in readable])))
+    num_scenes = len(set(alike_frames([*chain.from_iterable(ranges[index] for index in readable)])))
     probe, motion = _probe(drive, readable), report_motion(drive)
     elevations, azimuths = _field_of_points(probe.points)
     field_of_view = _field_of_view(drive)
@@ -214,21 +214,22 @@ def _sentences(findings: Iterable[Finding]) -> list[str]:
     return [finding.sentence for finding in findings]
 
 
-def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
+def _read(drive: Drive, index: int) -> tuple[FrameReport, list[core.NearestRanges]]:
     """Report on the files of a frame that can be read, and the errors of the others.
 
     Returns:
-        The report, and the nearest ranges of the sweep, which identify frames of the same scene.
+        The report, and the nearest ranges of the sweep, which identify frames of the same scene; none if it cannot be
+        read.
     """
     frame, alone, errors = drive.frames[index], with_frames(drive, [index]), list[str]()
     num_points = num_no_returns = points_ignored = pixels_ignored = 0
     point_classes: Mapping[str, int] | None = None
     image_classes: Mapping[str, int] | None = None
-    ranges, kinds = np.empty(0, np.float32), tuple[str, ...]()
+    ranges, kinds = list[core.NearestRanges](), tuple[str, ...]()
     try:
         (cloud,) = read_clouds(alone)
         num_points, num_no_returns = len(cloud.points), cloud.num_no_returns
-        ranges = nearest_ranges(drive.rays(cloud.points))
+        ranges = core.nearest_ranges([drive.rays(cloud.points)])
         labels = cloud.labels if cloud.label_shares is None else cloud.label_shares
         if labels is not None:
             point_classes, points_ignored = count_labels(drive, "points", labels)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.checks.sweep_shift import STEP_M, shifts_m
+from semcal_cli import core
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frames import Frame
 from semcal_cli.estimation.adjust.clock import SWEEP_S, ClockUncertainty
@@ -88,10 +88,10 @@ ASSUMED_M_S = 10.0
 """Speed of the example where none is known, as of a car in a town."""
 DELAY_S = 0.01
 """Delay of the example: one at which a camera without a trigger counts as well synchronised."""
-MIN_MOVED_M = 2.0 * STEP_M
-"""Smallest shift between two sweeps that shows a rig that moves."""
+MIN_MOVED_M = 0.1
+"""Smallest shift between two sweeps that shows a rig that moves: twice the precision of a shift."""
 NUM_PAIRS = 3
-"""Number of pairs of neighbouring frames whose shift is measured, at 0.3 s each."""
+"""Number of pairs of neighbouring frames whose shift is measured, at 0.03 s each."""
 
 
 def check_clocks(data: LoadedDrive, clock: ClockUncertainty | None) -> Measured:
@@ -182,7 +182,9 @@ def _moved(drive: Drive) -> tuple[float, float | None] | None:
     neighbours = evenly_spaced([*pairwise(range(len(drive.frames)))], NUM_PAIRS)
     indices = sorted({index for pair in neighbours for index in pair})
     sweeps = dict(zip(indices, read_clouds(with_frames(drive, indices)), strict=True))
-    distances_m = shifts_m([(sweeps[first].points, sweeps[second].points) for first, second in neighbours])
+    distances_m = core.sweep_shifts(
+        [(sweeps[first].points, sweeps[second].points) for first, second in neighbours]
+    )
     moved = sorted(
         (distance_m, _seconds(drive.frames[first], drive.frames[second]))
         for distance_m, (first, second) in zip(distances_m, neighbours, strict=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from semcal_cli import core
 from semcal_cli.checks.pose_fit import NO_FIT, fit_at, relative_information
 from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.uncertainty.information import compared_by
@@ -11,7 +12,6 @@ from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
-from semcal_cli.observations.scenes import shares_alike
 
 WRONG_PAIRING = Check(
     topic="wrong-pairing",
@@ -49,7 +49,7 @@ def check_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Meas
     # All images, the own ones too, are compared by their likeliest classes: probabilities carry less information.
     images, exchanged = [image.without_shares() for image in observations.images], []
     own = fit_at(observations.with_images(images), T_camera_lidar).information
-    shares = shares_alike([cloud.points for cloud in observations.clouds])
+    shares = core.shares_alike(core.nearest_ranges([cloud.points for cloud in observations.clouds]))
     for shift in range(1, observations.num_frames):
         others = images[shift:] + images[:shift]
         if np.diag(np.roll(shares, -shift, axis=1)).max() > MAX_SHARED:

@@ -15,7 +15,6 @@ from typing import Any, BinaryIO
 from xml.parsers import expat
 
 import numpy as np
-from numpy.lib.recfunctions import repack_fields
 
 from semcal_cli.config.file_limits import MAX_DOCUMENT_BYTES, MAX_E57_ELEMENTS
 from semcal_cli.errors import InputError, counted, describe
@@ -57,6 +56,7 @@ def read_e57(path: Path, _: BinaryIO, further: str | None = None) -> Array:
 
     A column without a valid value is left out. No `further` field is read.
     """
+    from numpy.lib.recfunctions import repack_fields  # which loads masked arrays
     from pye57 import libe57
 
     with _opened(path) as (image, points):

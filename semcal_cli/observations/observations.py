@@ -23,7 +23,7 @@ from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.lidar import Lidar
 from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.geometry.twists import apply_twist
-from semcal_cli.observations.scenes import alike_frames, ranges_of
+from semcal_cli.observations.scenes import alike_frames
 
 TURN_DEG = 5.0
 """Angle of the turned cameras that `turn_loss` compares a pose with: the reach of a start for edges."""
@@ -263,7 +263,7 @@ class Observations:
         """For each frame, the index of the first frame that shows the same scene."""
         if self.known_scenes is not None:
             return [self.known_scenes.index(scene) for scene in self.known_scenes]
-        return alike_frames(ranges_of([self.rays(cloud.points) for cloud in self.of_cue(0).clouds]))
+        return alike_frames(core.nearest_ranges([self.rays(cloud.points) for cloud in self.of_cue(0).clouds]))
 
     @property
     def scene_numbers(self) -> list[int]:

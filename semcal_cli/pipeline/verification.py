@@ -27,7 +27,7 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.events import Listener, ignore
-from semcal_cli.findings.symptoms import CLOCKS, LOOKS_LIKE
+from semcal_cli.findings.symptoms import CLOCKS, LOOKS_LIKE, OF_THE_DRIVE
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import (
     PoseError,
@@ -174,13 +174,13 @@ def verify(
 ) -> Verification:
     """Check whether a transform still holds on a drive.
 
-    The pose is refined from the transform. If the result is not near the transform or leaves findings, all mounting
-    directions are searched; with edges alone, which cannot distinguish mountings, the first estimate stands. An offset
-    fails if it is beyond its limit with a certainty of 95 %, and passes if it is within with the same. Everything
-    between is inconclusive, and so are offsets that the data do not determine, and a pass on the drive that the
-    transform was calibrated from. Errors of K do not count where the transform belongs to the K of the drive. If the
-    offset of the clock is limited, it is estimated together with the pose; if this estimate is kept, the pose is the
-    joint one.
+    The pose is refined from the transform. If the result is not near the transform, or leaves findings that another
+    pose might not have, all mounting directions are searched; with edges alone, which cannot distinguish mountings, the
+    first estimate stands. An offset fails if it is beyond its limit with a certainty of 95 %, and passes if it is
+    within with the same. Everything between is inconclusive, and so are offsets that the data do not determine, and a
+    pass on the drive that the transform was calibrated from. Errors of K do not count where the transform belongs to
+    the K of the drive. If the offset of the clock is limited, it is estimated together with the pose; if this estimate
+    is kept, the pose is the joint one.
 
     Args:
         data: The drive, as `load_as_stated` returns it.
@@ -282,7 +282,8 @@ def _estimate(
     with suppress(CalibrationError):
         nearby = assessed(start, is_nearby=True)
         is_near = compare_poses(nearby.T_camera_lidar, stated.T_camera_lidar).is_within(NEAR_DEG, NEAR_M)
-        if is_near and nearby.uncertainty is not None and not nearby.findings:
+        doubts = {finding.topic for finding in nearby.findings} - OF_THE_DRIVE
+        if is_near and nearby.uncertainty is not None and not doubts:
             return nearby
     return assessed(initialize(data, InitializationConfig(), seed, on_event=on_event))
 

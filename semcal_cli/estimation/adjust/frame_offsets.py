@@ -100,7 +100,7 @@ def frame_offsets(
         T_camera_lidar: (4, 4) pose of all frames, metres.
         parts: Parts of these frames that fit different poses, in order; none if all frames fit one pose.
     """
-    starts = [T_camera_lidar] * observations.num_frames
+    observations, starts = observations.with_scenes, [T_camera_lidar] * observations.num_frames
     if parts:
         starts = [np.array(part.T_camera_lidar) for part in parts for _ in range(part.num_frames)]
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli import core
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, counted
 from semcal_cli.estimation.vehicle.ground import Ground, find_ground, level_axes
@@ -22,7 +23,6 @@ from semcal_cli.geometry.poses import rpy
 from semcal_cli.observations.frame_selection import with_few_frames
 from semcal_cli.observations.motion import read_poses
 from semcal_cli.observations.reading import read_clouds
-from semcal_cli.observations.scenes import shares_alike
 
 MAX_FRAMES = 60
 """Number of frames that are used of a longer drive."""
@@ -128,7 +128,7 @@ def _places(sweeps: Sequence[npt.NDArray[np.float32]], ground: Ground) -> list[i
     Level ground is at the same ranges everywhere, so that only what stands on it tells places apart.
     """
     above = [points[points @ np.float32(ground.up) > MIN_ABOVE_M - ground.height_m] for points in sweeps]
-    shares, first = shares_alike(above), list[int]()
+    shares, first = core.shares_alike(core.nearest_ranges(above)), list[int]()
     for index, row in enumerate(shares):
         known = [other for other in sorted(set(first)) if row[other] >= MIN_SHARE_OF_PLACE]
         first.append(known[0] if known else index)
