@@ -1,4 +1,4 @@
-//! The nearest returns of a sweep by direction, which tell sweeps of one scene, and of one place of a scene.
+//! The range image of a sweep in coarse cells, which tells whether sweeps show the same scene from the same place.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -7,7 +7,7 @@ use rayon::prelude::*;
 /// Cells of directions, of 2 degrees each: around the z axis, and from straight down to straight up.
 const COLUMNS: usize = 180;
 const ROWS: usize = 90;
-/// Largest number of points of a sweep that are used, or the next number that a whole step over them leaves.
+/// Number of points of a sweep that are used, or up to twice as many.
 const MAX_POINTS: usize = 30_000;
 /// Largest difference of two ranges that count as the same: metres, plus a share of the range.
 const SAME_RANGE_M: f32 = 0.05;
@@ -16,11 +16,17 @@ const SAME_RANGE: f32 = 0.01;
 const LANES: usize = 64;
 
 /// Range of the nearest point in each cell of directions, metres; infinite without one.
-#[derive(Default)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct NearestRanges(Vec<f32>);
 
+impl Default for NearestRanges {
+    fn default() -> Self {
+        Self(vec![f32::INFINITY; ROWS * COLUMNS])
+    }
+}
+
 impl NearestRanges {
-    /// Those of a sweep.
+    /// Computes the ranges of a sweep, metres, seen from the origin.
     pub fn of(points: &[[f32; 3]]) -> Self {
         let step = (points.len() / MAX_POINTS).max(1);
         let mut nearest = Self::default();
@@ -28,10 +34,9 @@ impl NearestRanges {
         nearest
     }
 
-    /// Those of points, from a place, metres, that replace what is here.
+    /// Replaces the ranges by those of points seen from a place, metres.
     pub fn set(&mut self, points: &[[f32; 3]], from: [f32; 3]) {
-        self.0.clear();
-        self.0.resize(ROWS * COLUMNS, f32::INFINITY);
+        self.0.fill(f32::INFINITY);
         for points in points.chunks(LANES) {
             let (mut cells, mut ranges) = ([0; LANES], [0.0; LANES]);
             for ((point, cell), range) in points.iter().zip(&mut cells).zip(&mut ranges) {
@@ -58,11 +63,19 @@ impl NearestRanges {
     }
 }
 
-/// The share of directions with the same range in each two of a drive's sweeps, row by row.
+/// [`NearestRanges::share_alike`] of each two of a drive's sweeps, row by row.
 pub fn shares_alike(sweeps: &[&NearestRanges]) -> Vec<f64> {
-    let row =
-        |sweep: &&NearestRanges| sweeps.iter().map(|other| sweep.share_alike(other)).collect::<Vec<_>>();
-    sweeps.par_iter().flat_map(row).collect()
+    // A LiDAR looks neither up nor down: most cells have no point in any sweep.
+    let seen: Vec<usize> =
+        (0..ROWS * COLUMNS).filter(|&cell| sweeps.iter().any(|sweep| sweep.0[cell].is_finite())).collect();
+    let sweeps: Vec<NearestRanges> =
+        sweeps.iter().map(|sweep| NearestRanges(seen.iter().map(|&cell| sweep.0[cell]).collect())).collect();
+    let below: Vec<Vec<f64>> = (0..sweeps.len())
+        .into_par_iter()
+        .map(|row| sweeps[..=row].iter().map(|other| sweeps[row].share_alike(other)).collect())
+        .collect();
+    let count = sweeps.len();
+    (0..count * count).map(|k| (k / count, k % count)).map(|(i, j)| below[i.max(j)][i.min(j)]).collect()
 }
 
 fn cell_and_range(x: f32, y: f32, z: f32) -> (u32, f32) {

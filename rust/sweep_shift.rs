@@ -1,4 +1,4 @@
-//! How far a rig drives from one sweep to the next, seen from the sweeps alone.
+//! The distance that a LiDAR moves between two sweeps, seen from the sweeps alone.
 //!
 //! What stands above the ground is shifted over the ground until most directions see it at the same range in both
 //! sweeps. The ground itself looks the same from everywhere, and neither poses nor times are needed.
@@ -16,9 +16,11 @@ const MIN_HEIGHT_M: f64 = 0.5;
 const OWN_RANGE_M: f64 = 2.0;
 /// Number of points that are shifted, or up to twice as many. With half of them, two of 11 pairs of KITTI-360 are lost.
 const NUM_POINTS: usize = 8_000;
+/// Precision of a shift, metres.
+pub const STEP_M: f64 = 0.05;
 /// Steps, metres, and number of steps to each side, of the grids of shifts, each around the best one before. The first
 /// reaches 3 m, or 30 m/s at 10 sweeps per second.
-const GRIDS: [(f64, i32); 3] = [(0.25, 12), (0.1, 3), (0.05, 2)];
+const GRIDS: [(f64, i32); 3] = [(0.25, 12), (0.1, 3), (STEP_M, 2)];
 /// Smallest share of directions with the same range after the best shift. It is 0.51 to 0.75 for consecutive sweeps of
 /// KITTI raw at 7 to 9 m/s and KITTI-360 at 10 m/s, where the shift is right within 5 cm, and at most 0.34 for sweeps of
 /// DDAD a second apart and of different places of KITTI (`tests/benchmarks/clocks.py`).
@@ -67,4 +69,50 @@ fn shift([first, second]: [Vec<[f32; 3]>; 2], across: &Matrix2x3<f64>) -> Option
         }
     }
     (best.0 >= MIN_SHARE).then(|| best.1.norm())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Posts around a street on flat ground, 2 m below a LiDAR at a place along it.
+    fn sweep(at_m: f32) -> Vec<[f32; 3]> {
+        let ground = (0..8000).map(|k| {
+            let (azimuth, range) = (k as f32 * 0.1, 3.0 + (k % 97) as f32 * 0.25);
+            [range * azimuth.cos(), range * azimuth.sin(), -2.0]
+        });
+        let posts = (0..150).flat_map(|k| {
+            let (x, y) = ((k * 37 % 101) as f32 - 50.0 - at_m, if k % 2 == 0 { 6.0 } else { -9.0 });
+            (0..40).map(move |step| [x, y + (k % 7) as f32 * 0.5, -2.0 + step as f32 * 0.2])
+        });
+        ground.chain(posts).collect()
+    }
+
+    #[test]
+    fn a_drive_along_a_street_is_measured() {
+        let [first, second] = [sweep(0.0), sweep(1.4)];
+        let found = sweep_shifts(&[[&first, &second], [&first, &first]]);
+        assert_eq!(found[1], Some(0.0));
+        assert!((found[0].expect("a shift") - 1.4).abs() <= STEP_M, "{found:?}");
+    }
+
+    #[test]
+    fn the_number_of_threads_changes_nothing() {
+        let [first, second] = [sweep(0.0), sweep(0.6)];
+        let with = |count| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().expect("threads");
+            pool.install(|| sweep_shifts(&[[&first, &second]]))
+        };
+        assert_eq!(with(1), with(4));
+    }
+
+    #[test]
+    fn what_cannot_be_seen_has_no_distance() {
+        let [street, elsewhere] = [sweep(0.0), sweep(40.0)];
+        let unknown = vec![[f32::NAN; 3]; 100];
+        assert_eq!(sweep_shifts(&[]), []);
+        assert_eq!(sweep_shifts(&[[&street, &elsewhere], [&street, &[]]]), [None, None]);
+        assert_eq!(sweep_shifts(&[[&[], &[]]]), [None]);
+        assert_eq!(sweep_shifts(&[[&street, &unknown]]), [None]);
+    }
 }

@@ -12,7 +12,7 @@ as many, and no garbage. It holds for the whole run, because each command import
 def main() -> None:
     """Run the command line. While it is being loaded, Ctrl-C ends it silently."""
     gc.set_threshold(GARBAGE_AFTER)
-    # Looking for plugins of pydantic, which would read the metadata of all packages, takes as long as its import.
+    # When the first model is made, pydantic would look for plugins in the metadata of every installed package: 16 ms.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     is_heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if is_heard:

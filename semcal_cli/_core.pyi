@@ -27,6 +27,7 @@ __all__ = [
     "NO_SEGMENT",
     "NO_VIEW",
     "OBJECT",
+    "SHIFT_STEP_M",
     "Agreement",
     "Aligned",
     "AnchoredPoints",
@@ -114,6 +115,8 @@ NO_PIXEL: int
 """Index of a pixel without a point, or of a point without a pixel."""
 NO_VIEW: int
 """The view of a pixel that is in no view."""
+SHIFT_STEP_M: float
+"""Precision of `sweep_shifts`."""
 
 class _DescentConfig(Protocol):
     """What the core reads of the settings of a descent."""
@@ -909,7 +912,7 @@ def shares_alike(sweeps: Sequence[NearestRanges]) -> NDArray[np.float64]:
 def sweep_shifts(pairs: Sequence[tuple[_Float32, _Float32]]) -> list[float | None]:
     """Measure how far the LiDAR moves over the ground between the two sweeps (N, 3) of each pair, metres.
 
-    A shift is None where it cannot be seen. It is precise to 0.05 m.
+    A shift is None where it cannot be seen. It is precise to `SHIFT_STEP_M`.
     """
 
 def segment_sweeps(

@@ -16,6 +16,7 @@ try:
         NO_SEGMENT as NO_SEGMENT,
         NO_VIEW as NO_VIEW,
         OBJECT as OBJECT,
+        SHIFT_STEP_M as SHIFT_STEP_M,
         Agreement as Agreement,
         Aligned as Aligned,
         AnchoredPoints as AnchoredPoints,

@@ -211,8 +211,8 @@ def test_an_empty_folder_gets_advice(command: str, tmp_path: Path, cli: Cli) -> 
     code, _, err = cli(command, tmp_path, *output)
     assert code == 1
     assert err == (
-        f"semcal: error: {tmp_path}: found a folder without a drive.yaml; `semcal import --help` lists what makes a "
-        "drive\n"
+        f"semcal: error: {tmp_path}: found a folder without a drive.yaml that is no known data set either; "
+        "`semcal import --help` lists what makes a drive\n"
     )
 
 

@@ -14,6 +14,7 @@ from semcal_cli.checks.registry import CHECKS
 from semcal_cli.cli.tables import figures, shown_reasons, verdict_lines
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.findings.finding import Finding
+from semcal_cli.findings.symptoms import OF_THE_DRIVE
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import policy_of
 from semcal_cli.result.calibration_document import read_calibration
@@ -166,6 +167,7 @@ def test_intrinsics_that_were_estimated_are_not_advised_to_be_estimated_again() 
 
 def test_nothing_explains_itself_in_a_circle() -> None:
     assert all(check.explains <= CHECKS.keys() for check in CHECKS.values())
+    assert CHECKS.keys() >= OF_THE_DRIVE
     explains = {topic: {*check.explains} for topic, check in CHECKS.items()}
     while leaves := {topic for topic, others in explains.items() if not others}:
         explains = {topic: others - leaves for topic, others in explains.items() if topic not in leaves}

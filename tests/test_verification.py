@@ -2,10 +2,10 @@
 
 import json
 import re
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import junitparser
@@ -14,8 +14,9 @@ import pytest
 import yaml
 from click.testing import Result
 from commands import invoke
-from conftest import make_pose, run
+from conftest import edited, make_pose, run
 from scipy.spatial.transform import Rotation
+from test_precedence import found
 
 from semcal_cli.cli import semcal
 from semcal_cli.cli.ci import Case, CiReport
@@ -23,6 +24,7 @@ from semcal_cli.config import Limits
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.search.mounting_search import Initialization
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text
 from semcal_cli.findings.symptoms import LOOKS_LIKE
@@ -34,7 +36,10 @@ from semcal_cli.geometry.poses import (
     pose_from_quaternion,
     quaternion_xyzw,
 )
+from semcal_cli.pipeline import verification
 from semcal_cli.pipeline.mistaken_transform import likely_mistakes
+from semcal_cli.pipeline.pose_stages import initialize
+from semcal_cli.pipeline.stages import Stages
 from semcal_cli.pipeline.verdict import figures, judge, overall_offsets, sufficient_limits
 from semcal_cli.result.calibration_document import read_calibration, write_calibration
 
@@ -98,17 +103,40 @@ def test_verdicts(
     ] == failing
 
 
-def test_no_other_mounting_is_searched_where_only_the_clocks_are_in_doubt(
-    street: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ("others", "angle_deg", "is_searched"),
+    [((), 0.0, False), (("motion",), 0.0, False), (("overlap",), 0.0, True), ((), 30.0, True)],
+)
+def test_other_mountings_are_searched_where_another_pose_may_be_better(
+    others: tuple[str, ...],
+    angle_deg: float,
+    is_searched: bool,
+    drive: Path,
+    street_truth: Pose,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    untied = tmp_path / "untied"
-    shutil.copytree(street, untied)
-    document = read_document(untied / DRIVE_FILE) | {"synchronization": "unknown"}
-    write_text(document_text(document, "yaml"), untied / DRIVE_FILE)
-    found = invoke("verify", untied, street, "--json")
-    report = json.loads(found.stdout)
-    assert (found.exit_code, report["topics"]) == (INCONCLUSIVE, ["untied-clocks"])
-    assert "candidate mountings" not in found.stderr
+    """Only the clocks speak against any pose of this drive, unless a test adds to it."""
+    with edited(drive) as document:
+        del document["synchronization"]
+    assess, searches = verification.assess, list[int]()
+
+    def with_others(*arguments: Any, **options: Any) -> Stages:
+        stages = assess(*arguments, **options)
+        assert stages.assessment is not None
+        added = replace(stages.assessment, findings=(*stages.assessment.findings, *found(*others)))
+        return replace(stages, assessment=added)
+
+    def count(*arguments: Any, **options: Any) -> Initialization:
+        searches.append(1)
+        return initialize(*arguments, **options)
+
+    monkeypatch.setattr(verification, "assess", with_others)
+    monkeypatch.setattr(verification, "initialize", count)
+    given = write_transform(turned(street_truth, angle_deg), drive, tmp_path)
+    result = verify(drive, given, "--json")
+    assert (result.exit_code, bool(searches)) == (INCONCLUSIVE, is_searched)
+    assert set(json.loads(result.stdout)["topics"]) >= {"untied-clocks", *others}
 
 
 def test_junit_names_the_entry_of_each_reason() -> None:

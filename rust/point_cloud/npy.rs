@@ -47,10 +47,10 @@ fn parse_records<'a>(
     let indices = find(&names, own)?;
     let bytes_of = |fields: &[npyz::Field]| fields.iter().filter_map(|f| f.dtype.num_bytes()).sum();
     let columns = indices.try_map(|index| {
-        let DType::Plain(dtype) = &fields[index].dtype else {
-            return Err(format!("field '{}' is not a single number", quoted(names[index].as_bytes())));
+        let column = match &fields[index].dtype {
+            DType::Plain(dtype) => column(dtype, bytes_of(&fields[..index]), bytes_of(fields)),
+            _ => Err("is not a single number".into()),
         };
-        let column = column(dtype, bytes_of(&fields[..index]), bytes_of(fields));
         column.map_err(|reason| format!("field '{}' {reason}", quoted(names[index].as_bytes())))
     })?;
     let tick = columns.time.map_or(1.0, |time| seconds_per_tick(time.scalar));
@@ -106,12 +106,11 @@ fn column(dtype: &TypeStr, offset: usize, stride: usize) -> ParseResult<Column> 
     let kind = match dtype.type_char() {
         TypeChar::Float => Some(NumberKind::Float),
         TypeChar::Int => Some(NumberKind::Signed),
-        TypeChar::Uint | TypeChar::Bool => Some(NumberKind::Unsigned),
+        TypeChar::Uint => Some(NumberKind::Unsigned),
         _ => None,
     };
     let scalar = kind.and_then(|kind| Scalar::new(kind, dtype.num_bytes()?));
-    let scalar =
-        scalar.ok_or_else(|| format!("holds type {dtype}, needs integers, booleans, float32 or float64"))?;
+    let scalar = scalar.ok_or_else(|| format!("holds type {dtype}, needs integers, float32 or float64"))?;
     Ok(Column { offset, stride, scalar, is_big_endian: dtype.endianness() == Endianness::Big })
 }
 

@@ -44,6 +44,11 @@ pub(super) fn borrowed_rows<'a, const N: usize, T: Copy + numpy::Element>(
     })
 }
 
+/// The points of sweeps, as [`borrowed_rows`] gives them.
+pub(super) fn borrowed_sweeps<'a>(sweeps: &'a [PyReadonlyArray2<f32>]) -> PyResult<Vec<Cow<'a, [[f32; 3]]>>> {
+    sweeps.iter().map(|sweep| borrowed_rows("points", sweep)).collect()
+}
+
 pub(super) fn to_array2<'py, const N: usize, T: Copy + numpy::Element>(
     py: Python<'py>,
     rows: &[[T; N]],

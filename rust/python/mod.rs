@@ -32,6 +32,8 @@ mod _core {
     #[pymodule_export]
     const NO_SEGMENT: u32 = crate::segmentation::NO_SEGMENT;
     #[pymodule_export]
+    const SHIFT_STEP_M: f64 = crate::sweep_shift::STEP_M;
+    #[pymodule_export]
     const GROUND: u8 = crate::segmentation::SegmentKind::Ground as u8;
     #[pymodule_export]
     const OBJECT: u8 = crate::segmentation::SegmentKind::Object as u8;

@@ -3,7 +3,7 @@
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::{Pose, borrowed_rows, to_array2};
+use super::arrays::{Pose, borrowed_sweeps, to_array2};
 use super::calls::detached;
 use super::observations::PyObservations;
 use crate::correspondences::{self, Correspondence};
@@ -50,7 +50,7 @@ pub(super) fn scan_grid(channels: usize, columns: usize, fov_up: f64, fov_down: 
 
 #[pyfunction]
 pub(super) fn estimate_grid(points: Vec<PyReadonlyArray2<f32>>) -> PyResult<PyGrid> {
-    let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
+    let sweeps = borrowed_sweeps(&points)?;
     let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
     Ok(PyGrid::new(detached(|| spherical::estimate(&sweeps))?))
 }

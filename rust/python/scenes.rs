@@ -1,10 +1,10 @@
-//! Sweeps of one scene, and of neighbouring places.
+//! Whether sweeps show the same scene, and the distance between them.
 
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
-use super::arrays::borrowed_rows;
+use super::arrays::{borrowed_rows, borrowed_sweeps};
 use super::calls::detached;
 use crate::scenes::{self, NearestRanges};
 use crate::sweep_shift;
@@ -14,9 +14,9 @@ pub(super) struct PyNearestRanges(NearestRanges);
 
 #[pyfunction]
 pub(super) fn nearest_ranges(points: Vec<PyReadonlyArray2<f32>>) -> PyResult<Vec<PyNearestRanges>> {
-    let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
-    let of_sweep = |sweep: &std::borrow::Cow<'_, [[f32; 3]]>| PyNearestRanges(NearestRanges::of(sweep));
-    Ok(detached(|| sweeps.par_iter().map(of_sweep).collect()))
+    let sweeps = borrowed_sweeps(&points)?;
+    let ranges: Vec<_> = detached(|| sweeps.par_iter().map(|sweep| NearestRanges::of(sweep)).collect());
+    Ok(ranges.into_iter().map(PyNearestRanges).collect())
 }
 
 #[pyfunction]

@@ -6,7 +6,7 @@ use nalgebra::{UnitVector3, Vector3};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::borrowed_rows;
+use super::arrays::borrowed_sweeps;
 use super::calls::{detached, value_error};
 use crate::observation::Partitions;
 use crate::segmentation::{self, SegmentationConfig, SegmentedSweep};
@@ -59,7 +59,7 @@ fn unit(up: Option<[f64; 3]>) -> PyResult<Option<UnitVector3<f64>>> {
 
 #[pyfunction]
 pub(super) fn estimate_up(py: Python<'_>, points: Vec<PyReadonlyArray2<f32>>) -> PyResult<Option<PyUp>> {
-    let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
+    let sweeps = borrowed_sweeps(&points)?;
     let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
     let up = detached(|| segmentation::estimate_up(&sweeps));
     Ok(up.map(|up| PyUp { direction: vector(py, up.direction), height_m: up.height_m }))
@@ -73,7 +73,7 @@ pub(super) fn segment_sweeps(
     config: SegmentationConfig,
     up: Option<[f64; 3]>,
 ) -> PyResult<Vec<PySegmentedSweep>> {
-    let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
+    let sweeps = borrowed_sweeps(&points)?;
     let (sweeps, up): (Vec<&[[f32; 3]]>, _) = (sweeps.iter().map(AsRef::as_ref).collect(), unit(up)?);
     let segmented = detached(|| segmentation::segment_sweeps(&sweeps, up, &config));
     Ok(segmented.into_iter().map(|sweep| PySegmentedSweep::new(py, sweep)).collect())
@@ -85,7 +85,7 @@ pub(super) fn turned_partitions(
     segmented: Vec<PyRef<'_, PySegmentedSweep>>,
     num_turns: usize,
 ) -> PyResult<Vec<PyPartitions>> {
-    let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
+    let sweeps = borrowed_sweeps(&points)?;
     let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
     let segmented: Vec<Arc<SegmentedSweep>> =
         segmented.iter().map(|segmented| Arc::clone(&segmented.sweep)).collect();

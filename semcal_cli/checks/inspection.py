@@ -106,6 +106,8 @@ class DriveReport:
     """Sentences about what is probably insufficient for a calibration, and what would help."""
     hidden_shares: tuple[float, float] | None = None
     """Lowest and highest share of what the lens sees that masks hide; None without masks, or with wrong ones."""
+    own_points: str | None = None
+    """Field that tells the LiDAR's own points from others in its clouds, and its values there; None if all are."""
     image_levels: tuple[int, int] | None = None
     """Values of 16-bit images that are shown as black and as white; None without such images."""
 
@@ -142,7 +144,7 @@ def inspect(drive: Drive) -> DriveReport:
     readable = [index for index, frame in enumerate(frames) if frame.num_points]
     if not readable:
         raise InputError(frames[0].suspicions[0])
-    num_scenes = len(set(alike_frames([*chain.from_iterable(ranges[index] for index in readable)])))
+    num_scenes = len(set(alike_frames([each for each in ranges if each is not None])))
     probe, motion = _probe(drive, readable), report_motion(drive)
     elevations, azimuths = _field_of_points(probe.points)
     field_of_view = _field_of_view(drive)
@@ -172,6 +174,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_sentences(check_seam(drive, probe.clouds)),
         ),
         hidden_shares=hidden_shares,
+        own_points=_own_points(drive),
         image_levels=drive.image_levels,
     )
 
@@ -214,22 +217,22 @@ def _sentences(findings: Iterable[Finding]) -> list[str]:
     return [finding.sentence for finding in findings]
 
 
-def _read(drive: Drive, index: int) -> tuple[FrameReport, list[core.NearestRanges]]:
+def _read(drive: Drive, index: int) -> tuple[FrameReport, core.NearestRanges | None]:
     """Report on the files of a frame that can be read, and the errors of the others.
 
     Returns:
-        The report, and the nearest ranges of the sweep, which identify frames of the same scene; none if it cannot be
+        The report, and the nearest ranges of the sweep, which identify frames of the same scene; None if it cannot be
         read.
     """
     frame, alone, errors = drive.frames[index], with_frames(drive, [index]), list[str]()
     num_points = num_no_returns = points_ignored = pixels_ignored = 0
     point_classes: Mapping[str, int] | None = None
     image_classes: Mapping[str, int] | None = None
-    ranges, kinds = list[core.NearestRanges](), tuple[str, ...]()
+    ranges, kinds = None, tuple[str, ...]()
     try:
         (cloud,) = read_clouds(alone)
         num_points, num_no_returns = len(cloud.points), cloud.num_no_returns
-        ranges = core.nearest_ranges([drive.rays(cloud.points)])
+        (ranges,) = core.nearest_ranges([drive.rays(cloud.points)])
         labels = cloud.labels if cloud.label_shares is None else cloud.label_shares
         if labels is not None:
             point_classes, points_ignored = count_labels(drive, "points", labels)
@@ -283,18 +286,23 @@ def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:
 
 
 def _pattern(drive: Drive, points: Sequence[Points]) -> str:
-    """Describe the stated channels, or how close points lie, and which points are the LiDAR's own.
-
-    Counted channels of real LiDARs came out wrong.
-    """
-    own = "" if drive.lidar is None or drive.lidar.own_points is None else f", {drive.lidar.own_points}"
+    """Describe the stated channels, or how close points lie; counted channels of real LiDARs came out wrong."""
     if drive.lidar is not None and drive.lidar.channels is not None:
-        return f"{drive.lidar.channels} channels, as the drive states{own}"
+        return f"{drive.lidar.channels} channels, as the drive states"
     try:
         grid = core.estimate_grid(points)
     except CalibrationError as error:
         return str(error)
-    return f"about {math.degrees(grid.cell_height):.2f} degrees between points{own}"
+    return f"about {math.degrees(grid.cell_height):.2f} degrees between points"
+
+
+def _own_points(drive: Drive) -> str | None:
+    """Describe which points of its clouds are the LiDAR's own."""
+    own = None if drive.lidar is None else drive.lidar.own_values
+    if own is None:
+        return None
+    field, ends = own
+    return f"{field} {' to '.join(dict.fromkeys(f'{end:.16g}' for end in ends))}"
 
 
 def _field_of_points(points: Sequence[Points]) -> tuple[tuple[float, float], float]:

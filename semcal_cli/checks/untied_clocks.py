@@ -88,8 +88,8 @@ ASSUMED_M_S = 10.0
 """Speed of the example where none is known, as of a car in a town."""
 DELAY_S = 0.01
 """Delay of the example: one at which a camera without a trigger counts as well synchronised."""
-MIN_MOVED_M = 0.1
-"""Smallest shift between two sweeps that shows a rig that moves: twice the precision of a shift."""
+MIN_MOVED_M = 2.0 * core.SHIFT_STEP_M
+"""Smallest shift between two sweeps that shows a rig that moves."""
 NUM_PAIRS = 3
 """Number of pairs of neighbouring frames whose shift is measured, at 0.03 s each."""
 

@@ -143,8 +143,6 @@ def run(arguments: Sequence[str]) -> Ending:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     # NumPy and SciPy each start a thread pool for matrices; ours are small, and idle threads slow the core down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # pydantic would search all installed packages for its plugins, which takes 13 ms.
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # Matplotlib would look for a display, and import what draws on it.
     os.environ.setdefault("MPLBACKEND", "agg")
     _limit_arenas()

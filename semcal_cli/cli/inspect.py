@@ -213,6 +213,7 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
             f"{report.pattern}; elevation {low:.0f} to {high:.0f} degrees, azimuth {report.azimuths_deg:.0f}; median "
             f"range {report.median_range_m:.1f} m",
         ),
+        *([] if report.own_points is None else [("own points", report.own_points)]),
         *([] if report.span_s is None else [("motion", _motion(report, report.span_s))]),
         (
             "camera",

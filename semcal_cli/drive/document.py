@@ -319,9 +319,8 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     if is_folder(path) and not file.exists():
         if (path / RIG_FILE).exists():
             raise InputError(f"{path / RIG_FILE}: {RIG_FOUND}")
-        raise InputError(
-            f"{path}: found a folder without a {DRIVE_FILE}; `semcal import --help` lists what makes a drive"
-        )
+        what = f"a folder without a {DRIVE_FILE} that is no known data set either"
+        raise InputError(f"{path}: found {what}; `semcal import --help` lists what makes a drive")
     _check_no_data(file)
     document = read_document(file)
     if RIG in document:

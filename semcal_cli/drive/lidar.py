@@ -71,11 +71,6 @@ class OwnPoints(StrictModel):
             raise mismatch(list(value), f"values up to {LARGEST_INTEGER:,}: larger integers are rounded")
         return value
 
-    def __str__(self) -> str:
-        """Describe which points they are."""
-        first, last = self.range
-        return f"of points with {self.field} {first:g}" + ("" if first == last else f" to {last:g}")
-
     def is_apart_from(self, other: OwnPoints) -> bool:
         """Return whether no point of a cloud can be among both: ranges of one field do not overlap."""
         field, other_field = (own.field.lower().removeprefix("scalar_") for own in (self, other))

@@ -51,10 +51,10 @@ def check_e57(path: Path, file: BinaryIO, max_points: int) -> None:
             )
 
 
-def read_e57(path: Path, _: BinaryIO, further: str | None = None) -> Array:
+def read_e57(path: Path, _: BinaryIO, own: str | None = None) -> Array:
     """Read the points of a checked file as records: zeros where nothing returned, NaN for other invalid values.
 
-    A column without a valid value is left out. No `further` field is read.
+    A column without a valid value is left out. `own` adds no column to x, y, z, intensity and time.
     """
     from numpy.lib.recfunctions import repack_fields  # which loads masked arrays
     from pye57 import libe57

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -28,8 +28,10 @@ LASZIP = struct.Struct("<12xI16xH")
 """LASzip's record: points in a chunk, and items in a point."""
 MIN_CHUNK_POINTS = 100
 """Minimum number of points in a chunk; with smaller chunks, the table is larger than the data."""
-FIELDS = {"intensity": "intensity", "gps_time": "t", "classification": "label"}
-"""Fields of a LAS file that are used in addition to the coordinates, with the names that a cloud prefers for them."""
+FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label"}
+"""Fields of a LAS file that are used in addition to the coordinates, with their names in a cloud."""
+OWN_COLUMN = "dimension {}"
+"""Name of the column with the dimension that tells the LiDAR's own points: one of no other meaning."""
 
 
 def check_las(path: Path, file: BinaryIO, max_points: int) -> None:
@@ -55,11 +57,11 @@ def check_las(path: Path, file: BinaryIO, max_points: int) -> None:
         raise InputError(f"{path}: found {count:,} points, needed at most {max_points:,}: see --max-points")
 
 
-def read_las(path: Path, file: BinaryIO, further: str | None = None) -> Array:
-    """Read the points of a checked file as records, with a further field of the file, which has to have it.
+def read_las(path: Path, file: BinaryIO, own: str | None = None) -> Array:
+    """Read the points of a checked file as records, with the dimension `own` in OWN_COLUMN, if it is given.
 
     Raises:
-        InputError: the file holds no points, or has no such field of one number.
+        InputError: the file holds no points, or has no such dimension of one number.
     """
     import laspy
 
@@ -68,15 +70,12 @@ def read_las(path: Path, file: BinaryIO, further: str | None = None) -> Array:
     with laspy.open(file, read_evlrs=False, closefd=False, laz_backend=backend) as reader:
         point_format = reader.header.point_format
         dimensions = list(point_format.dimension_names)
-        sources = {
-            **{axis: axis for axis in "xyz"},
-            **{name: field for field, name in FIELDS.items() if field in dimensions},
-        }
-        if further is not None:
-            sources |= (found := _further(path, further, dimensions, sources))
-            for field in found:
-                if point_format.dimension_by_name(field).num_elements != 1:
-                    raise InputError(f"{path}: field {describe(field)} is not a single number")
+        sources = {axis: axis for axis in "xyz"}
+        sources |= {name: field for field, name in FIELDS.items() if field in dimensions}
+        if own is not None:
+            sources[OWN_COLUMN.format(own)] = source = _find(path, own, dimensions)
+            if source in dimensions and point_format.dimension_by_name(source).num_elements != 1:
+                raise InputError(f"{path}: field {describe(source)} is not a single number")
         chunks = []
         for chunk in reader.chunk_iterator(CHUNK):
             columns = {name: np.asarray(chunk[field]) for name, field in sources.items()}
@@ -87,21 +86,13 @@ def read_las(path: Path, file: BinaryIO, further: str | None = None) -> Array:
     return np.concatenate(chunks)
 
 
-def _further(path: Path, wanted: str, dimensions: list[str], known: Mapping[str, str]) -> dict[str, str]:
-    """Find a field, in any case, and the name of its column; `known` are the columns that are read anyway."""
-    source = known.get(wanted.lower())
-    for field in dimensions:
-        if field.lower() == wanted.lower():
-            if source is not None and source.lower() != field.lower():
-                raise InputError(
-                    f"{path}: found the field {describe(field)} beside {source}, which is read by this name; give it "
-                    "another one for lidar.own_points"
-                )
-            return {} if source else {field: field}
-    if source is not None:
-        return {}
+def _find(path: Path, own: str, dimensions: Sequence[str]) -> str:
+    """Find a dimension, in any case; x, y and z are the coordinates, in metres."""
+    for name in ("x", "y", "z", *dimensions):
+        if name.lower() == own.lower():
+            return name
     raise InputError(
-        f"{path}: found the fields {' '.join(dimensions)}, expected {describe(wanted)} among them, which "
+        f"{path}: found the fields {' '.join(dimensions)}, expected {describe(own)} among them, which "
         "lidar.own_points states (--own-points at import)"
     )
 

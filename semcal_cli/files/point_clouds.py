@@ -18,7 +18,7 @@ from semcal_cli.errors import InputError, check_installed
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.e57_files import check_e57, read_e57
 from semcal_cli.files.input_files import check_size, open_file, size_of
-from semcal_cli.files.las_files import check_las, read_las
+from semcal_cli.files.las_files import OWN_COLUMN, check_las, read_las
 from semcal_cli.geometry.arrays import Array
 
 BYTES_PER_POINT = 64
@@ -43,7 +43,9 @@ class _Library(NamedTuple):
     check: Callable[[Path, BinaryIO, int], None]
     """Refuses what the library would trust, and more than a number of points."""
     read: Callable[[Path, BinaryIO, str | None], Array]
-    """Reads the points of a checked file as records, with one more field, if a name is given."""
+    """Reads the points of a checked file as records, with the field that tells the LiDAR's own points, if given."""
+    own_column: str = "{}"
+    """Name of the column with that field."""
 
     @contextmanager
     def refusing(self, path: Path) -> Iterator[None]:
@@ -62,7 +64,7 @@ class _Library(NamedTuple):
             raise InputError(f"{path}: is not a readable {self.format} file: {problem}") from error
 
 
-LAS = _Library("LAS", "laspy", "las", check_las, read_las)
+LAS = _Library("LAS", "laspy", "las", check_las, read_las, OWN_COLUMN)
 LIBRARIES = {
     ".las": LAS,
     ".laz": LAS,
@@ -157,10 +159,16 @@ def _check(path: Path, library: _Library, max_points: int) -> None:
 def _read(
     path: Path, labels: Path | None, library: _Library, max_points: int, form: PointForm
 ) -> core.PointCloud:
+    own = form.own_points
     with library.refusing(path), open_file(path) as file:
-        records = library.read(path, file, None if form.own_points is None else form.own_points[0])
+        records = library.read(path, file, None if own is None else own[0])
     contents = io.BytesIO()
     np.save(contents, records)
     return core.parse_point_cloud(
-        path, contents.getvalue(), labels, max_points, form.seconds_per_unit, form.own_points
+        path,
+        contents.getvalue(),
+        labels,
+        max_points,
+        form.seconds_per_unit,
+        None if own is None else (library.own_column.format(own[0]), own[1]),
     )

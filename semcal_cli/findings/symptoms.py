@@ -58,5 +58,5 @@ OF_A_WRONG_K: frozenset[str] = frozenset(
 """What a wrong K looks like: the pose cannot imitate it everywhere, and settles where no pose fits well."""
 OF_A_LOST_POSE: frozenset[str] = frozenset({"other-azimuth", "wrong-pairing"})
 """What says that points and images do not fit at all, so that nothing around the pose means anything."""
-OF_THE_DRIVE: frozenset[str] = frozenset({"few-scenes", "motion", "other-names", "shutter", UNTIED_CLOCKS})
+OF_THE_DRIVE: frozenset[str] = frozenset({"few-scenes", "motion", "shutter"})
 """What speaks against every pose of a drive alike, so that no search for another pose helps."""

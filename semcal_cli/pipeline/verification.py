@@ -27,7 +27,7 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.events import Listener, ignore
-from semcal_cli.findings.symptoms import CLOCKS, LOOKS_LIKE, OF_THE_DRIVE
+from semcal_cli.findings.symptoms import CLOCKS, LOOKS_LIKE, OF_THE_DRIVE, UNTIED_CLOCKS
 from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.poses import (
     PoseError,
@@ -267,7 +267,12 @@ def load_as_stated(
 def _estimate(
     data: LoadedDrive, stated: InitialPose, config: RefinementConfig, seed: int, on_event: Listener
 ) -> Stages:
-    """Estimate the pose from the transform, or, if that leaves doubts, by a search over all mounting directions."""
+    """Estimate the pose from the transform, or by a search over all mounting directions if another pose may be better.
+
+    That is so if the estimate is far from the transform, or leaves findings that depend on the pose.
+    """
+    # Where the motion is known, the frames may tie the clocks at another pose.
+    at_any_pose = OF_THE_DRIVE | ({UNTIED_CLOCKS} if data.drive.motion is None else set())
 
     def assessed(initial: StageResult, *, is_nearby: bool = False) -> Stages:
         stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
@@ -282,8 +287,8 @@ def _estimate(
     with suppress(CalibrationError):
         nearby = assessed(start, is_nearby=True)
         is_near = compare_poses(nearby.T_camera_lidar, stated.T_camera_lidar).is_within(NEAR_DEG, NEAR_M)
-        doubts = {finding.topic for finding in nearby.findings} - OF_THE_DRIVE
-        if is_near and nearby.uncertainty is not None and not doubts:
+        topics = {finding.topic for finding in nearby.findings}
+        if is_near and nearby.uncertainty is not None and topics <= at_any_pose:
             return nearby
     return assessed(initialize(data, InitializationConfig(), seed, on_event=on_event))
 

@@ -147,8 +147,8 @@ class Ended(NamedTuple):
     """What it wrote to standard error."""
 
 
-def run_process(command: Sequence[str]) -> Ended:
-    """Run a process that ends with a result, trusted or not, or a verdict or none, and measure its time and memory.
+def run_process(command: Sequence[str], codes: Sequence[int] = (0, 3)) -> Ended:
+    """Run a process that ends with a result, trusted or not, or another of these exit codes; measure time and memory.
 
     Linux counts the memory of this process as the new one's until it starts, so the peak is at least that.
 
@@ -163,7 +163,7 @@ def run_process(command: Sequence[str]) -> Ended:
     # `Popen.wait` does not report the memory.
     _, status, usage = os.wait4(process.pid, 0)
     code = process.returncode = os.waitstatus_to_exitcode(status)
-    if code not in (0, 3, 4):
+    if code not in codes:
         raise CalibrationError(f"{' '.join(command)}: exit code {code}: {' '.join(messages.split()[-30:])}")
     return Ended(perf_counter() - begin, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20, messages)
 
