@@ -243,3 +243,14 @@ def test_every_command_refuses_a_cloud_in_the_place_of_a_drive(
     _, out, err = cli(*command.format(cloud, cloud, **names).split())
     told = " ".join((out + err).split())
     assert f"{cloud}: found a point cloud, expected a drive.yaml or its folder; `semcal import folder" in told
+
+
+@pytest.mark.parametrize("command", ["inspect", "import bag"])
+def test_packets_of_an_ouster_are_turned_into_sweeps_elsewhere(
+    command: str, tmp_path: Path, cli: Cli
+) -> None:
+    (tmp_path / "a.osf").write_bytes(b"\0packets")
+    output = ["-o", tmp_path / "drive"] if command == "import bag" else []
+    code, _, err = cli(*command.split(), tmp_path / "a.osf", *output)
+    assert code == 1
+    assert "a.osf: found packets of a LiDAR, which `ouster-cli source FILE save sweeps.csv` turns into" in err

@@ -1,7 +1,7 @@
 //! Clouds as lines of numbers: `.csv`, and Leica's `.pts` and `.ptx`.
 //!
-//! A `.csv` has a line of names, or the columns x y z, and intensity; its separator is a comma, a semicolon, a tab or
-//! blanks. A `.pts` starts with the number of points. A `.ptx` starts with the columns and rows of a scan, and the pose
+//! A `.csv` has a line of names, the last of its comments, or the columns x y z, and intensity; its separator is a comma,
+//! a semicolon, a tab or blanks. A `.pts` starts with the number of points. A `.ptx` starts with the columns and rows of a scan, and the pose
 //! of the scanner in eight lines, which is not used: its points are in the frame of the scanner, and zero where nothing
 //! returned. Source: Leica's descriptions of both, *Cyclone pointcloud export format*.
 
@@ -15,23 +15,44 @@ use super::table::Table;
 const POSE_LINES: usize = 8;
 /// Names of VeloView's columns in place of x, y and z, up to their last character.
 const VELOVIEW: [&str; 2] = ["points_m_xyz:", "points:"];
+/// A column that tells a table of Ouster's SDK (`ouster-cli source FILE save TABLE.csv`), and what its others mean.
+const OF_OUSTER: &str = "measurement_id";
+const OUSTER: [(&str, &str); 7] = [
+    ("x1 (m)", "x"),
+    ("y1 (m)", "y"),
+    ("z1 (m)", "z"),
+    ("signal (photons)", "intensity"),
+    ("reflectivity (%)", "reflectivity"),
+    ("row", "ring"),
+    ("timestamp (ns)", "t"),
+];
 
 pub(super) fn parse_csv(bytes: &[u8], reading: &Reading) -> ParseResult<Table<'static>> {
+    let bytes = without_remarks(bytes);
     let (first, rest) = split_line(bytes);
     let separator = [b',', b';', b'\t'].into_iter().find(|separator| first.contains(separator));
     let mut cells = cells(first, separator);
     // Some writers end each line with a separator.
     let _ = cells.pop_if(|last| last.is_empty());
-    let (names, lines) = match cells.iter().all(|cell| is_number(cell)) {
+    let (mut names, lines) = match cells.iter().all(|cell| is_number(cell)) {
         true => (usual_names(cells.len(), &[&["x", "y", "z"], &["x", "y", "z", "intensity"]])?, bytes),
         false => (cells.iter().map(|cell| name(cell)).collect(), rest),
+    };
+    let seconds_per_tick = if names.iter().any(|name| name == OF_OUSTER) {
+        for (found, meant) in OUSTER {
+            names.iter_mut().filter(|name| *name == found).for_each(|name| meant.clone_into(name));
+        }
+        1e-9
+    } else {
+        1.0
     };
     match separator {
         Some(separator) => {
             let blank = |&byte: &u8| if byte == separator { b' ' } else { byte };
-            table(&lines.iter().map(blank).collect::<Vec<u8>>(), &names, count_lines(lines), reading)
+            let lines: Vec<u8> = lines.iter().map(blank).collect();
+            table(&lines, &names, count_lines(&lines), reading, seconds_per_tick)
         }
-        None => table(lines, &names, count_lines(lines), reading),
+        None => table(lines, &names, count_lines(lines), reading, seconds_per_tick),
     }
 }
 
@@ -65,7 +86,7 @@ fn leica(lines: &[u8], promised: usize, reading: &Reading) -> ParseResult<Table<
         return Err(format!("holds {found} lines of points, its header promises {promised} of one scan"));
     }
     let names = usual_names(cells(split_line(lines).0, None).len(), &USUAL)?;
-    table(lines, &names, found, reading)
+    table(lines, &names, found, reading, 1.0)
 }
 
 fn table(
@@ -73,17 +94,12 @@ fn table(
     names: &[String],
     num_points: usize,
     reading: &Reading,
+    seconds_per_tick: f64,
 ) -> ParseResult<Table<'static>> {
     reading.limit.check_points(num_points)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    // Text does not tell the type of a number: all are floats, and times seconds.
-    ascii::parse(
-        lines,
-        num_points,
-        vec![Token::Skipped(1); names.len()],
-        find(&names, reading.own_points.as_ref())?,
-        1.0,
-    )
+    let fields = find(&names, reading.own_points.as_ref())?;
+    ascii::parse(lines, num_points, vec![Token::Skipped(1); names.len()], fields, seconds_per_tick)
 }
 
 /// The names of columns without names, by their number.
@@ -97,6 +113,17 @@ fn usual_names(count: usize, usual: &[&[&str]]) -> ParseResult<Vec<String>> {
         )
     })?;
     Ok(names.iter().map(|&name| name.to_owned()).collect())
+}
+
+/// What begins with the last of the lines that are comments, or with the first line.
+fn without_remarks(mut bytes: &[u8]) -> &[u8] {
+    loop {
+        let (first, rest) = split_line(bytes);
+        if !first.starts_with(b"#") || !split_line(rest).0.starts_with(b"#") {
+            return bytes;
+        }
+        bytes = rest;
+    }
 }
 
 /// The first line that is not blank, and what follows it.
@@ -157,6 +184,17 @@ mod tests {
             assert_eq!(cloud.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], "{text}");
             assert_eq!(cloud.intensity, Some(vec![9.0, 8.0]), "{text}");
         }
+    }
+
+    #[test]
+    fn tables_of_ousters_sdk() {
+        let text = "# frame num: 0\n# TIMESTAMP (ns), ROW, MEASUREMENT_ID, RANGE (mm), REFLECTIVITY (%), \
+                    SIGNAL (photons), X1 (m), Y1 (m), Z1 (m)\n\
+                    1700000000098242048,5,1006,5480,7,1247,-5.25,-0.5,1.5\n1700000000098342048,6,1006,0,0,0,0,0,0\n";
+        let cloud = points(parse_csv(text.as_bytes(), &Reading::default())).expect(text);
+        assert_eq!((cloud.points, cloud.num_no_returns), (vec![[-5.25, -0.5, 1.5]], 1));
+        assert_eq!((cloud.intensity, cloud.ring), (Some(vec![1247.0]), Some(vec![5])));
+        assert!((cloud.time.expect("times")[0] - 1_700_000_000.098_242).abs() < 1e-6);
     }
 
     #[test]

@@ -13,7 +13,10 @@ _KINDS = {
     "a point cloud": CLOUD_SUFFIXES,
     "an image": IMAGE_SUFFIXES,
     "point labels": (".label",),
-}
+    "packets of a LiDAR, which `ouster-cli source FILE save sweeps.csv` turns into sweeps if it is an Ouster": (
+        ".pcap", ".pcapng", ".osf",
+    ),
+}  # fmt: skip
 """Kinds of data by their suffixes; the first kind that lists the suffix counts."""
 
 

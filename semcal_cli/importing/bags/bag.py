@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 
 from zstandard import ZstdDecompressor
 
+from semcal_cli.config.data_suffixes import kind_of_data
 from semcal_cli.config.nanoseconds import NS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.documents import parse_document
@@ -206,7 +207,7 @@ def _open(path: Path, stack: ExitStack) -> Storage:
         start = read_start(source, MAGIC_BYTES)
     format = next((format for magic, format in FORMATS.items() if start.startswith(magic)), None)
     if format is None:
-        description = f"{counted(path.stat().st_size, 'byte')} of an unknown format"
+        description = kind_of_data(path) or f"{counted(path.stat().st_size, 'byte')} of an unknown format"
         raise InputError(f"{path}: found {description}, expected a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
     try:
         return format.reader(source, stack)
