@@ -32,7 +32,7 @@ from bags import NS, START_NS, BagWriter, Messages
 from semcal_cli.drive.document import read_drive
 from semcal_cli.importing.bags.messages import Message, Topic
 from semcal_cli.importing.bags.recorded_motion import MotionSource, Trajectory
-from semcal_cli.observations.reading import load_points
+from semcal_cli.observations.reading import load_points, read_clouds
 
 SOURCES: dict[str, tuple[dict[str, Maker], dict[str, Any]]] = {
     "odometry": ({"odom": odometry("base")}, {}),
@@ -147,3 +147,19 @@ def test_poses_of_other_bodies_do_not_count(tmp_path: Path) -> None:
     rows = np.loadtxt(tmp_path / "drive" / document["motion"]["poses"])
     assert rows[:, 1].max() < 100.0
     assert len(rows) == 8
+
+
+def test_own_points_are_stated_where_the_recording_has_them(tmp_path: Path) -> None:
+    path = small(tmp_path, tf_static=CHAIN)
+    run_cli("import", "bag", path, "--own-points", "X=2:5", "-o", tmp_path / "drive")
+    drive = read_drive(tmp_path / "drive")
+    assert drive.lidar is not None
+    assert drive.lidar.own_values == ("X", (2.0, 5.0))
+    (cloud, *_) = read_clouds(drive)
+    np.testing.assert_array_equal(cloud.points[:, 0], [2, 3, 4, 5])
+    for wrong, problem in {
+        "lidar=1": "--own-points: found the fields x, y, z, time, expected 'lidar' among them",
+        "x=900": "--own-points: found 'x' from 0 to 19, expected points from 900 to 900",
+    }.items():
+        result = run_cli("import", "bag", path, "--own-points", wrong, "-o", tmp_path / "none", code=1)
+        assert problem in str(result.exception)

@@ -11,6 +11,7 @@ import click
 
 from semcal_cli.cli.accumulate import MAX_SECONDS, accumulate_into
 from semcal_cli.cli.import_settings import (
+    lidar_own_points,
     lidar_spin,
     max_gap,
     ray_origin,
@@ -99,6 +100,7 @@ class BagSettings(QuietSettings):
     )
     spin: dict[str, Any] | None = lidar_spin()
     origin_m: tuple[float, float, float] | None = ray_origin()
+    own_points: dict[str, Any] | None = lidar_own_points()
     odometry: bool = option(
         "Estimate the motion from the sweeps with KISS-ICP. A motion topic takes precedence, and is compared "
         "with the estimate; --motion none ignores all topics.",
@@ -176,7 +178,7 @@ def _request(settings: BagSettings) -> BagRequest:
     from semcal_cli.drive.lidar import Lidar
     from semcal_cli.importing.bags.topics import BagRequest
 
-    stated = stated_lidar(settings.spin, settings.origin_m)
+    stated = stated_lidar(settings.spin, settings.origin_m, settings.own_points)
     return made_of(
         BagRequest,
         settings,

@@ -103,10 +103,12 @@ def read_sweep(message: Message, stamp_ns: int, lidar: Lidar | None = None) -> S
     Args:
         message: The message.
         stamp_ns: Time of the sweep, which its points' times refer to.
-        lidar: How the LiDAR turns, which gives the times of points that have none, and where its rays start.
+        lidar: How the LiDAR turns, which gives the times of points that have none, where its rays start, and which
+            points are its own.
 
     Raises:
-        MessageError: the message is damaged, contradicts itself or has no point with a range.
+        MessageError: the message is damaged, contradicts itself or has no point with a range, or none of the LiDAR's
+            own.
     """
     if message.is_a(VELODYNE):
         records = _velodyne(message, stamp_ns)
@@ -120,6 +122,8 @@ def read_sweep(message: Message, stamp_ns: int, lidar: Lidar | None = None) -> S
     has_range = _has_range(records)
     if not has_range.any():
         raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
+    if lidar is not None and lidar.own_values is not None:
+        _check_own(records[has_range], *lidar.own_values)
     rate_hz = message.topic.rate_hz
     sweep = _with_readable_times(records, has_range, stamp_ns, 1.0 / rate_hz if rate_hz else None)
     if lidar is None or lidar.spin is None or sweep.times.reference is not None:
@@ -130,6 +134,18 @@ def read_sweep(message: Message, stamp_ns: int, lidar: Lidar | None = None) -> S
         return sweep._replace(times=times, seconds=seconds)
     remark = f"the point times {name!r} do not tell the time: those by --spin are written as 't' instead"
     return Sweep(_with_times(records, name, seconds), times._replace(remark=remark), seconds)
+
+
+def _check_own(records: npt.NDArray[np.void], field: str, ends: tuple[float, float]) -> None:
+    """Refuse a sweep without the field that tells the LiDAR's own points, or without such points."""
+    names = records.dtype.names or ()
+    name = next((name for name in names if name.lower() == field.lower()), None)
+    if name is None or _count(records.dtype[name]) > 1:
+        raise MessageError(f"--own-points: found the fields {listed(names)}, expected {field!r} among them")
+    values, (first, last) = records[name], ends
+    if not ((values >= first) & (values <= last)).any():
+        found = f"{name!r} from {values.min():g} to {values.max():g}"
+        raise MessageError(f"--own-points: found {found}, expected points from {first:g} to {last:g}")
 
 
 def _count(field: np.dtype[Any]) -> int:
