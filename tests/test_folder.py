@@ -1,5 +1,6 @@
 """`semcal import folder`: own files, paired by time or by name."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +167,17 @@ def test_how_the_lidar_turns_and_where_its_rays_start_are_stated(tmp_path: Path)
     assert "lidar" not in yaml.safe_load((tmp_path / "drive/drive.yaml").read_text())
 
 
+def test_sweeps_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    arguments, own = own_data(tmp_path / "own"), tmp_path / "own"
+    for file in (*own.glob("clouds/*"), *own.glob("labels/*")):
+        for number in (1, 10, 2, 11) if file.stem == "000002" else ():
+            shutil.copy(file, file.with_stem(f"sweep_{number}"))
+        file.unlink()
+    run_import("folder", *arguments, "-o", tmp_path / "drive.yaml")
+    names = [Path(frame.points).stem for frame in read_drive(tmp_path / "drive.yaml").frames]
+    assert names == ["sweep_1", "sweep_2", "sweep_10", "sweep_11"]
+
+
 def test_files_paired_by_number_are_named(tmp_path: Path) -> None:
     arguments = own_data(tmp_path / "own")
     for path in (tmp_path / "own" / "labels").iterdir():
@@ -268,11 +280,17 @@ def test_the_cloud_that_is_looked_into_may_be_too_large(tmp_path: Path) -> None:
         (
             "--points",
             "a.xyz",
-            "'.xyz', expected .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las, .laz or .e57",
+            "suffix '.xyz', expected .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las, .laz or .e57",
         ),
-        ("--point-labels", "a.txt", "'.txt', expected .label, .bin, .npy or .npz"),
-        ("--image-labels", "a.jpg", "'.jpg', expected .png, .npy or .npz"),
-        ("--images", "a.tiff", "'.tiff', expected .png, .jpg, .jpeg or .bmp"),
+        (
+            "--points",
+            "a.osf",
+            "packets of a LiDAR, which `ouster-cli source FILE save sweeps.csv` turns into sweeps if it is an Ouster, "
+            "expected .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .csv, .pts, .ptx, .las, .laz or .e57",
+        ),
+        ("--point-labels", "a.txt", "suffix '.txt', expected .label, .bin, .npy or .npz"),
+        ("--image-labels", "a.jpg", "suffix '.jpg', expected .png, .npy or .npz"),
+        ("--images", "a.tiff", "suffix '.tiff', expected .png, .jpg, .jpeg or .bmp"),
     ],
 )
 def test_files_that_no_reader_knows(tmp_path: Path, option: str, name: str, expected: str) -> None:
@@ -282,7 +300,7 @@ def test_files_that_no_reader_knows(tmp_path: Path, option: str, name: str, expe
     file = tmp_path / "other" / name
     write(file, "anything")
     assert complaint("folder", *arguments, option, file, "-o", tmp_path / "drive") == (
-        f"{option}: {file}: found suffix {expected}"
+        f"{option}: {file}: found {expected}"
     )
     assert not (tmp_path / "drive").exists()
 

@@ -1,12 +1,12 @@
 //! Clouds as lines of numbers: `.csv`, and Leica's `.pts` and `.ptx`.
 //!
-//! A `.csv` has a line of names, the last of its comments, or the columns x y z, and intensity; its separator is a comma,
-//! a semicolon, a tab or blanks. A `.pts` starts with the number of points. A `.ptx` starts with the columns and rows of a scan, and the pose
+//! A `.csv` has a line of names, which may be a comment, or the columns x y z, and intensity; its separator is a comma, a
+//! semicolon, a tab or blanks. A `.pts` starts with the number of points. A `.ptx` starts with the columns and rows of a scan, and the pose
 //! of the scanner in eight lines, which is not used: its points are in the frame of the scanner, and zero where nothing
 //! returned. Source: Leica's descriptions of both, *Cyclone pointcloud export format*.
 
 use super::ascii::{self, Token};
-use super::fields::find;
+use super::fields::{find, find_own};
 use super::limit::{ParseResult, quoted};
 use super::options::Reading;
 use super::table::Table;
@@ -15,8 +15,8 @@ use super::table::Table;
 const POSE_LINES: usize = 8;
 /// Names of VeloView's columns in place of x, y and z, up to their last character.
 const VELOVIEW: [&str; 2] = ["points_m_xyz:", "points:"];
-/// A column that tells a table of Ouster's SDK (`ouster-cli source FILE save TABLE.csv`), and what its others mean.
-const OF_OUSTER: &str = "measurement_id";
+/// Columns of a table of Ouster's SDK (`ouster-cli source FILE save TABLE.csv`), of which the first tells it, and what
+/// they mean. Its times are in nanoseconds.
 const OUSTER: [(&str, &str); 7] = [
     ("x1 (m)", "x"),
     ("y1 (m)", "y"),
@@ -28,31 +28,26 @@ const OUSTER: [(&str, &str); 7] = [
 ];
 
 pub(super) fn parse_csv(bytes: &[u8], reading: &Reading) -> ParseResult<Table<'static>> {
-    let bytes = without_remarks(bytes);
-    let (first, rest) = split_line(bytes);
+    let (remarks, lines) = split_remarks(bytes);
+    let (first, rest) = split_line(lines);
     let separator = [b',', b';', b'\t'].into_iter().find(|separator| first.contains(separator));
-    let mut cells = cells(first, separator);
-    // Some writers end each line with a separator.
-    let _ = cells.pop_if(|last| last.is_empty());
-    let (mut names, lines) = match cells.iter().all(|cell| is_number(cell)) {
-        true => (usual_names(cells.len(), &[&["x", "y", "z"], &["x", "y", "z", "intensity"]])?, bytes),
-        false => (cells.iter().map(|cell| name(cell)).collect(), rest),
-    };
-    let seconds_per_tick = if names.iter().any(|name| name == OF_OUSTER) {
-        for (found, meant) in OUSTER {
-            names.iter_mut().filter(|name| *name == found).for_each(|name| meant.clone_into(name));
-        }
-        1e-9
+    let found = cells(first, separator);
+    let (names, lines) = if found.iter().all(|cell| is_number(cell)) {
+        // The last comment that names the columns, or the usual ones.
+        let mut remarks = remarks.iter().rev().map(|line| names(line, separator));
+        let named = remarks.find(|names| names.len() == found.len() && meanings(names).contains(&"x"));
+        let usual = || usual_names(found.len(), &[&["x", "y", "z"], &["x", "y", "z", "intensity"]]);
+        (named.map_or_else(usual, Ok)?, lines)
     } else {
-        1.0
+        (names(first, separator), rest)
     };
     match separator {
         Some(separator) => {
             let blank = |&byte: &u8| if byte == separator { b' ' } else { byte };
             let lines: Vec<u8> = lines.iter().map(blank).collect();
-            table(&lines, &names, count_lines(&lines), reading, seconds_per_tick)
+            table(&lines, &names, count_lines(&lines), reading)
         }
-        None => table(lines, &names, count_lines(lines), reading, seconds_per_tick),
+        None => table(lines, &names, count_lines(lines), reading),
     }
 }
 
@@ -86,7 +81,7 @@ fn leica(lines: &[u8], promised: usize, reading: &Reading) -> ParseResult<Table<
         return Err(format!("holds {found} lines of points, its header promises {promised} of one scan"));
     }
     let names = usual_names(cells(split_line(lines).0, None).len(), &USUAL)?;
-    table(lines, &names, found, reading, 1.0)
+    table(lines, &names, found, reading)
 }
 
 fn table(
@@ -94,12 +89,26 @@ fn table(
     names: &[String],
     num_points: usize,
     reading: &Reading,
-    seconds_per_tick: f64,
 ) -> ParseResult<Table<'static>> {
     reading.limit.check_points(num_points)?;
-    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let fields = find(&names, reading.own_points.as_ref())?;
+    let meanings = meanings(names);
+    let mut fields = find(&meanings, None)?;
+    if let Some(own) = &reading.own_points {
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        fields.own = Some(find_own(&meanings, own).or_else(|_| find_own(&names, own))?);
+    }
+    // Text does not tell the type of a number: all are floats, and times seconds where their name does not say more.
+    let is_ns = fields.time.is_some_and(|time| names[time] != meanings[time]);
+    let seconds_per_tick = if is_ns { 1e-9 } else { 1.0 };
     ascii::parse(lines, num_points, vec![Token::Skipped(1); names.len()], fields, seconds_per_tick)
+}
+
+/// The names of columns, where those of Ouster's SDK have usual ones.
+fn meanings(names: &[String]) -> Vec<&str> {
+    let [(of_ouster, _), ..] = OUSTER;
+    let is_of_ouster = names.iter().any(|name| name == of_ouster);
+    let meaning = |name: &String| OUSTER.iter().find(|(found, _)| is_of_ouster && name == found);
+    names.iter().map(|name| meaning(name).map_or(name.as_str(), |(_, meant)| meant)).collect()
 }
 
 /// The names of columns without names, by their number.
@@ -115,13 +124,15 @@ fn usual_names(count: usize, usual: &[&[&str]]) -> ParseResult<Vec<String>> {
     Ok(names.iter().map(|&name| name.to_owned()).collect())
 }
 
-/// What begins with the last of the lines that are comments, or with the first line.
-fn without_remarks(mut bytes: &[u8]) -> &[u8] {
+/// The comments in front, and what follows them.
+fn split_remarks(mut bytes: &[u8]) -> (Vec<&[u8]>, &[u8]) {
+    let mut remarks = Vec::new();
     loop {
         let (first, rest) = split_line(bytes);
-        if !first.starts_with(b"#") || !split_line(rest).0.starts_with(b"#") {
-            return bytes;
+        if !first.starts_with(b"#") {
+            return (remarks, bytes);
         }
+        remarks.push(first);
         bytes = rest;
     }
 }
@@ -135,10 +146,19 @@ fn split_line(bytes: &[u8]) -> (&[u8], &[u8]) {
 }
 
 fn cells(line: &[u8], separator: Option<u8>) -> Vec<&[u8]> {
-    match separator {
-        Some(separator) => line.split(|&byte| byte == separator).map(<[u8]>::trim_ascii).collect(),
-        None => line.split(u8::is_ascii_whitespace).filter(|cell| !cell.is_empty()).collect(),
-    }
+    let Some(separator) = separator else {
+        return line.split(u8::is_ascii_whitespace).filter(|cell| !cell.is_empty()).collect();
+    };
+    let mut cells: Vec<&[u8]> = line.split(|&byte| byte == separator).map(<[u8]>::trim_ascii).collect();
+    // Some writers end each line with a separator.
+    let _ = cells.pop_if(|last| last.is_empty());
+    cells
+}
+
+fn names(line: &[u8], separator: Option<u8>) -> Vec<String> {
+    let start = line.iter().position(|byte| !b"#/ ".contains(byte)).unwrap_or(line.len());
+    let line = &line[start..];
+    cells(line, separator).into_iter().map(name).collect()
 }
 
 fn is_number(cell: &[u8]) -> bool {
@@ -149,10 +169,10 @@ fn whole_number(line: &[u8]) -> Option<usize> {
     std::str::from_utf8(line).ok()?.parse().ok()
 }
 
-/// A name without quotation marks and marks of a comment; those of VeloView's coordinates are x, y and z.
+/// A name without quotation marks; those of VeloView's coordinates are x, y and z.
 fn name(cell: &[u8]) -> String {
     let text = quoted(cell).replace("\\\"", "\"");
-    let plain = text.trim_start_matches(['#', '/', ' ']).trim_matches('"').to_ascii_lowercase();
+    let plain = text.trim_matches('"').to_ascii_lowercase();
     let axis = VELOVIEW.iter().find_map(|prefix| plain.strip_prefix(prefix));
     let axis = axis.and_then(|axis| ["0", "1", "2"].iter().position(|&number| number == axis));
     axis.map_or(plain, |axis| ["x", "y", "z"][axis].to_owned())
@@ -165,7 +185,7 @@ fn count_lines(lines: &[u8]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point_cloud::PointCloud;
+    use crate::point_cloud::{OwnPoints, PointCloud};
 
     fn points(table: ParseResult<Table<'_>>) -> ParseResult<PointCloud> {
         Ok(table?.decode().0)
@@ -178,6 +198,9 @@ mod tests {
             "\u{feff}\"X\";\"ring\";\"Y\";\"Z\";\"Intensity\"\r\n1;7;2;3;9\r\n4;7;5;6;8",
             "1 2 3 9\n\n4 5 6 8\n",
             "# x\ty\tz\ti\n1\t2\t3\t9\n4\t5\t6\t8",
+            "# made by me\n# x, y, z\nx,y,z,intensity\n1,2,3,9\n4,5,6,8\n",
+            "# made by me\n1,2,3,9\n4,5,6,8\n",
+            "# x,y,z,intensity\n# m,m,m,-\n1,2,3,9\n4,5,6,8\n",
             "intensity,Points_m_XYZ:0,Points_m_XYZ:1,Points_m_XYZ:2,\n9, 1, 2, 3,\n8, 4, 5, 6,\n",
         ] {
             let cloud = points(parse_csv(text.as_bytes(), &Reading::default())).expect(text);
@@ -195,6 +218,14 @@ mod tests {
         assert_eq!((cloud.points, cloud.num_no_returns), (vec![[-5.25, -0.5, 1.5]], 1));
         assert_eq!((cloud.intensity, cloud.ring), (Some(vec![1247.0]), Some(vec![5])));
         assert!((cloud.time.expect("times")[0] - 1_700_000_000.098_242).abs() < 1e-6);
+        let own = |field: &str| Some(OwnPoints { field: field.into(), range: [5.0, 5.0] });
+        for field in ["ROW", "ring"] {
+            let reading = Reading { own_points: own(field), ..Reading::default() };
+            assert_eq!(points(parse_csv(text.as_bytes(), &reading)).expect(field).ring, Some(vec![5]));
+        }
+        let other = "x,y,z,t,MEASUREMENT_ID,row\n1,2,3,0.5,7,8\n";
+        let cloud = points(parse_csv(other.as_bytes(), &Reading::default())).expect(other);
+        assert_eq!((cloud.time, cloud.ring), (Some(vec![0.5]), None));
     }
 
     #[test]

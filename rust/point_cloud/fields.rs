@@ -57,18 +57,20 @@ pub(super) fn find(names: &[&str], own: Option<&OwnPoints>) -> ParseResult<Field
     let axis = |name| {
         position(&[name]).ok_or_else(|| format!("has {}, needs x, y and z", listed("field", names, SHOWN)))
     };
-    let own = own.map(|own| {
-        let missing = || own.missing_in(&listed("field", names, SHOWN_OF_OWN));
-        position(&[&self::plain(&own.field)]).ok_or_else(missing)
-    });
     Ok(Fields {
         xyz: [axis("x")?, axis("y")?, axis("z")?],
         intensity: position(INTENSITY),
         ring: position(RING),
         time: position(TIME),
         label: position(LABEL),
-        own: own.transpose()?,
+        own: own.map(|own| find_own(names, own)).transpose()?,
     })
+}
+
+/// Finds the field that tells the LiDAR's own points, or lists those that there are.
+pub(super) fn find_own(names: &[&str], own: &OwnPoints) -> ParseResult<usize> {
+    let missing = || own.missing_in(&listed("field", names, SHOWN_OF_OWN));
+    names.iter().position(|name| plain(name) == plain(&own.field)).ok_or_else(missing)
 }
 
 /// The unit of a time field: integers are nanoseconds (Ouster's `t`, Livox' `offset_time`), others seconds.

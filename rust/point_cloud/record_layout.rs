@@ -235,10 +235,11 @@ impl Words {
         of_columns + entropy(&mut of_bin.into_iter()) - entropy(&mut counts.iter().copied())
     }
 
-    /// Whether no number of columns tells anything about the numbers, of which there are enough to say so. Zeros, as of
-    /// points without a return, tell nothing.
+    /// Whether no number of columns tells anything about the numbers, of which there are enough to say so. Zeros, NaN and
+    /// infinity, as of points without a return, tell nothing.
     fn are_alike(&self) -> bool {
-        let num_filled = self.0.iter().filter(|&&(_, word)| word != 0).count();
+        let is_filled = |word: u32| word != 0 && f32::from_bits(word).is_finite();
+        let num_filled = self.0.iter().filter(|&&(_, word)| is_filled(word)).count();
         let informed = INFORMED * num_filled as f64 / self.0.len() as f64;
         self.0.len() >= MIN_ALIKE_WORDS && (2..=MAX_COLUMNS).all(|count| self.information(count) < informed)
     }

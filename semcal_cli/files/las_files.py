@@ -88,7 +88,8 @@ def read_las(path: Path, file: BinaryIO, own: str | None = None) -> Array:
 
 def _find(path: Path, own: str, dimensions: Sequence[str]) -> str:
     """Find a dimension, in any case; x, y and z are the coordinates, in metres."""
-    for name in ("x", "y", "z", *dimensions):
+    names = ["x", "y", "z", *dimensions]
+    for name in (*(name for name in names if name == own), *names):
         if name.lower() == own.lower():
             return name
     raise InputError(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import glob
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +18,7 @@ from semcal_cli.config.data_suffixes import (
     IMAGE_LABEL_SUFFIXES,
     IMAGE_SUFFIXES,
     POINT_LABEL_SUFFIXES,
+    kind_of_data,
 )
 from semcal_cli.config.directions import CameraFrame, Direction
 from semcal_cli.config.point_files import NamedUnit, PointColumn, PointForm, PointType, may_be_shares
@@ -54,6 +57,8 @@ OPEN_UNIT = (
     "of a sweep, such as 0.1"
 )
 """Remark on times whose unit a motion will need."""
+NUMBERS = re.compile("([0-9]+)")
+"""The numbers in a name."""
 REFERENCE_FRAME = "--reference-frame"
 """Option that states the axes of the camera's frame in the reference."""
 
@@ -173,7 +178,7 @@ def read(patterns: FilePatterns) -> Recording:
     )
     return Recording(
         camera=camera,
-        frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
+        frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, _by_numbers(frame.name))),
         T_camera_lidar=T_camera_lidar,
         lidar=patterns.lidar,
         synchronization=patterns.synchronization,
@@ -252,9 +257,14 @@ def _with_time_unit(
     return form._replace(time_unit=unit), (remark,)
 
 
+def _by_numbers(name: str) -> tuple[list[str | int], str]:
+    """Make a key that sorts names by the numbers in them: sweep_9 comes before sweep_10."""
+    return [int(part) if part.isdecimal() else part for part in NUMBERS.split(name)], name
+
+
 def _find(option: str, pattern: str) -> list[Path]:
     names = glob.glob(pattern, recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
-    paths = [path for path in map(Path, sorted(names)) if path.is_file()]
+    paths = [path for path in map(Path, sorted(names, key=_by_numbers)) if path.is_file()]
     suffixes = SUFFIXES[option]
     if not paths:
         problem = "found no matching file, needed at least one; quote the pattern"
@@ -266,6 +276,8 @@ def _find(option: str, pattern: str) -> list[Path]:
     for path in paths:
         if not path.name.lower().endswith(suffixes):
             suffix = f"found suffix {path.suffix!r}" if path.suffix else "found no suffix"
+            if not path.name.lower().endswith((*chain(*SUFFIXES.values()),)):
+                suffix = f"found {kind}" if (kind := kind_of_data(path)) else suffix
             raise InputError(
                 f"{option}: {path}: {suffix}, expected {', '.join(suffixes[:-1])} or {suffixes[-1]}"
             )
