@@ -245,12 +245,12 @@ def test_every_command_refuses_a_cloud_in_the_place_of_a_drive(
     assert f"{cloud}: found a point cloud, expected a drive.yaml or its folder; `semcal import folder" in told
 
 
-@pytest.mark.parametrize("command", ["inspect", "import bag"])
+@pytest.mark.parametrize("command", ["inspect {0}", "import bag {0} -o {1}", "compare {0} {0}"])
 def test_packets_of_an_ouster_are_turned_into_sweeps_elsewhere(
     command: str, tmp_path: Path, cli: Cli
 ) -> None:
-    (tmp_path / "a.osf").write_bytes(b"\0packets")
-    output = ["-o", tmp_path / "drive"] if command == "import bag" else []
-    code, _, err = cli(*command.split(), tmp_path / "a.osf", *output)
+    packets = tmp_path / "a.osf"
+    packets.write_bytes(b"\0packets")
+    code, _, err = cli(*command.format(packets, tmp_path / "drive").split())
     assert code == 1
-    assert "a.osf: found packets of a LiDAR, which `ouster-cli source FILE save sweeps.csv` turns into" in err
+    assert f"{packets}: found packets of a LiDAR, which `ouster-cli source FILE save sweeps.csv` turns" in err

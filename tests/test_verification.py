@@ -261,6 +261,17 @@ def test_a_camera_far_from_the_lidar_is_verified_with_a_larger_limit(street: Pat
     assert verify(street, street, *wide, "--max-baseline-m", "5").exit_code == PASS
 
 
+def test_the_inverse_is_named_although_the_clocks_are_in_doubt(
+    drive: Path, street_truth: Pose, tmp_path: Path
+) -> None:
+    with edited(drive) as document:
+        del document["synchronization"]
+    found = verify(drive, write_transform(inverse(street_truth), drive, tmp_path), "--json")
+    report = json.loads(found.stdout)
+    assert (found.exit_code, report["topics"]) == (INCONCLUSIVE, ["looks-like", "untied-clocks"])
+    assert report["reasons"][0].startswith("this looks like the inverse, T_lidar_camera: correct ")
+
+
 def test_the_inverse_is_named(street: Path, street_truth: Pose, tmp_path: Path) -> None:
     given, page = write_transform(inverse(street_truth), street, tmp_path), tmp_path / "v.html"
     found = verify(street, given, "--report", page, GITHUB_ACTIONS="true")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from semcal_cli.config.data_suffixes import kind_of_data
 from semcal_cli.config.directions import Direction
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, describe, listed
@@ -188,5 +189,7 @@ def _content(source: Source) -> str:
         return f"top-level keys {listed(map(describe, source.mapping))}"
     if not source.content.strip():
         return "nothing"
+    if (kind := kind_of_data(source.path)) is not None:
+        return kind
     first = source.content.splitlines()[0][:40].decode(errors="replace")
     return f"{describe(first)} and no known key"

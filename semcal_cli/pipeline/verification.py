@@ -271,8 +271,6 @@ def _estimate(
 
     That is so if the estimate is far from the transform, or leaves findings that depend on the pose.
     """
-    # Where the motion is known, the frames may tie the clocks at another pose.
-    at_any_pose = OF_THE_DRIVE | ({UNTIED_CLOCKS} if data.drive.motion is None else set())
 
     def assessed(initial: StageResult, *, is_nearby: bool = False) -> Stages:
         stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
@@ -287,10 +285,16 @@ def _estimate(
     with suppress(CalibrationError):
         nearby = assessed(start, is_nearby=True)
         is_near = compare_poses(nearby.T_camera_lidar, stated.T_camera_lidar).is_within(NEAR_DEG, NEAR_M)
-        topics = {finding.topic for finding in nearby.findings}
-        if is_near and nearby.uncertainty is not None and topics <= at_any_pose:
+        if is_near and nearby.uncertainty is not None and _are_of_drive(nearby, data.drive):
             return nearby
     return assessed(initialize(data, InitializationConfig(), seed, on_event=on_event))
+
+
+def _are_of_drive(stages: Stages, drive: Drive) -> bool:
+    """Whether the findings, if any, would speak against any other pose as well."""
+    # Where the motion is known, the frames may tie the clocks at another pose.
+    at_any_pose = OF_THE_DRIVE | ({UNTIED_CLOCKS} if drive.motion is None else set())
+    return {finding.topic for finding in stages.findings} <= at_any_pose
 
 
 def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limits) -> Verification:
@@ -308,10 +312,11 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     # The transform is a start, though none that could be left out.
     doubts = precedence.diagnosed(findings, weak=data.policy.weak, start=stated.name)
     reasons = [(finding.topic, finding.sentence) for finding in doubts]
-    if not findings and uncertainty is not None:
-        verdict = together(check.verdict for check in checks)
-        looks = likely_mistakes(T_stated, estimate) if verdict == "fail" else []
-        reasons = [(LOOKS_LIKE, f"{sentence}: {remedy(sentence, stated)}") for sentence in looks]
+    if uncertainty is not None and _are_of_drive(stages, data.drive):
+        verdict = "inconclusive" if findings else together(check.verdict for check in checks)
+        looks = likely_mistakes(T_stated, estimate) if findings or verdict == "fail" else []
+        misread = [(LOOKS_LIKE, f"{sentence}: {remedy(sentence, stated)}") for sentence in looks]
+        reasons = [*misread, *(reasons if findings else [])]
     reasons += [(CLOCKS, sentence) for sentence in clock_notes]
     record_findings = () if stated.record is None else check_own_drive(data.drive, stated.record)
     reasons += [(finding.topic, finding.sentence) for finding in record_findings]
