@@ -1,9 +1,9 @@
 //! Clouds as lines of numbers: `.csv`, and Leica's `.pts` and `.ptx`.
 //!
 //! A `.csv` has a line of names, which may be a comment, or the columns x y z, and intensity; its separator is a comma, a
-//! semicolon, a tab or blanks. A `.pts` starts with the number of points. A `.ptx` starts with the columns and rows of a scan, and the pose
-//! of the scanner in eight lines, which is not used: its points are in the frame of the scanner, and zero where nothing
-//! returned. Source: Leica's descriptions of both, *Cyclone pointcloud export format*.
+//! semicolon, a tab or blanks. A `.pts` starts with the number of points. A `.ptx` starts with the columns and rows of a
+//! scan, and the pose of the scanner in eight lines, which is not used: its points are in the frame of the scanner, and
+//! zero where nothing returned. Source: Leica's descriptions of both, *Cyclone pointcloud export format*.
 
 use super::ascii::{self, Token};
 use super::fields::{find, find_own};

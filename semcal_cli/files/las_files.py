@@ -88,10 +88,8 @@ def read_las(path: Path, file: BinaryIO, own: str | None = None) -> Array:
 
 def _find(path: Path, own: str, dimensions: Sequence[str]) -> str:
     """Find a dimension, in any case; x, y and z are the coordinates, in metres."""
-    names = ["x", "y", "z", *dimensions]
-    for name in (*(name for name in names if name == own), *names):
-        if name.lower() == own.lower():
-            return name
+    if matches := [name for name in ("x", "y", "z", *dimensions) if name.lower() == own.lower()]:
+        return own if own in matches else matches[0]
     raise InputError(
         f"{path}: found the fields {' '.join(dimensions)}, expected {describe(own)} among them, which "
         "lidar.own_points states (--own-points at import)"
