@@ -939,6 +939,8 @@ class Steps:
     """(N, 3) vector from each point half-way to the neighbour whose intensity differs more, metres."""
     spacing: float
     """Median angle between neighbouring rays, radians; 0 if there are none."""
+    axis: list[float]
+    """(3,) unit vector of the axis about which the LiDAR turns, LiDAR frame."""
     intensity: NDArray[np.float32] | None
     """(N,) larger intensity difference to a neighbour on the same surface; NaN if there is none."""
 

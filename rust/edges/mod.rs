@@ -7,10 +7,15 @@
 
 mod rays;
 mod same_elevation;
+mod scan_axis;
 mod scan_lines;
 
+use std::borrow::Cow;
+
+use nalgebra::{Rotation3, UnitVector3, Vector3};
 use rayon::prelude::*;
 
+use crate::point_cloud::to_f64;
 use rays::{Neighbour, REACH, Ray, Sides};
 
 /// A gap of more than this many times the usual distance of neighbours means that returns are missing.
@@ -28,7 +33,7 @@ const MAX_OPEN: f64 = 0.3;
 const RANGE_STEP: f64 = 0.35;
 
 /// Changes from each point of a sweep to its neighbours.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Steps {
     /// How far the next ray reaches beyond the point's surface, on the side where that is more, metres: infinite if there
     /// is no return next to the point, NaN if the point itself is not a return or the pattern has no ray next to it.
@@ -41,6 +46,8 @@ pub struct Steps {
     /// Vector from each point half-way to that neighbour, metres.
     pub to_intensity_step_m: Vec<[f32; 3]>,
     pub spacing: f64,
+    /// Axis about which the LiDAR turns, LiDAR frame.
+    pub axis: UnitVector3<f64>,
 }
 
 /// A sweep.
@@ -70,7 +77,11 @@ pub fn steps(sweeps: &[Scanned], same_surface_m: f64) -> Vec<Steps> {
 }
 
 /// The rays of a sweep, and their neighbours.
-struct LinkedRays {
+struct LinkedRays<'a> {
+    /// Points, metres, in the frame in which the LiDAR turns about the z axis.
+    points: Cow<'a, [[f32; 3]]>,
+    /// Turns the frame of the LiDAR to that of these points.
+    turn: Option<Rotation3<f64>>,
     rays: Vec<Ray>,
     neighbours: Vec<Sides>,
     /// Median angle between neighbours, radians.
@@ -80,11 +91,32 @@ struct LinkedRays {
     num_open: usize,
 }
 
-impl LinkedRays {
-    fn of(sweep: &Scanned) -> Self {
+impl<'a> LinkedRays<'a> {
+    fn of(sweep: &Scanned<'a>) -> Self {
         let rays = rays::returns(sweep.points);
-        let (rays, mut neighbours) =
-            scan_lines::neighbours(&rays, sweep.rings).unwrap_or_else(|| same_elevation::neighbours(rays));
+        let in_lines = scan_lines::neighbours(&rays, sweep.rings);
+        let about_z = |linked| Self::with(Cow::Borrowed(sweep.points), None, linked);
+        in_lines
+            .map(about_z)
+            .or_else(|| Self::about_another_axis(sweep, &rays))
+            .unwrap_or_else(|| about_z(same_elevation::neighbours(rays)))
+    }
+
+    /// The rays of a LiDAR that turns about another axis than z; `None` if they are not in the order of its scan.
+    fn about_another_axis(sweep: &Scanned, rays: &[Ray]) -> Option<Self> {
+        let axis = scan_axis::scan_axis(rays, sweep.rings, sweep.points)?;
+        let turn = Rotation3::rotation_between(&axis, &Vector3::z())?;
+        let points: Vec<[f32; 3]> = sweep.points.iter().map(|point| turned(&turn, point)).collect();
+        let rays = rays::returns(&points);
+        let linked = scan_axis::is_all_around(&rays).then(|| scan_lines::neighbours(&rays, sweep.rings))?;
+        Some(Self::with(Cow::Owned(points), Some(turn), linked?))
+    }
+
+    fn with(
+        points: Cow<'a, [[f32; 3]]>,
+        turn: Option<Rotation3<f64>>,
+        (rays, mut neighbours): (Vec<Ray>, Vec<Sides>),
+    ) -> Self {
         let spacing = median_distance(&neighbours);
         let is_beside = |beside: &Neighbour| beside.distance <= MAX_GAP * spacing;
         neighbours.iter_mut().flatten().for_each(|side| *side = side.filter(is_beside));
@@ -92,19 +124,30 @@ impl LinkedRays {
         let directions = directions.filter(|(pair, _)| !pair[0].is_in_line_with(&pair[1]));
         let is_open: Vec<bool> = directions.map(|(_, sides)| sides.iter().any(Option::is_none)).collect();
         let num_open = is_open.iter().filter(|&&is_open| is_open).count();
-        Self { rays, neighbours, spacing, num_directions: is_open.len(), num_open }
+        Self { points, turn, rays, neighbours, spacing, num_directions: is_open.len(), num_open }
+    }
+
+    /// Axis about which the LiDAR turns, LiDAR frame.
+    fn axis(&self) -> UnitVector3<f64> {
+        self.turn.map_or(Vector3::z_axis(), |turn| turn.inverse() * Vector3::z_axis())
+    }
+
+    /// A vector in the frame of the LiDAR.
+    fn in_lidar(&self, vector: [f32; 3]) -> [f32; 3] {
+        self.turn.map_or(vector, |turn| turned(&turn.inverse(), &vector))
     }
 }
 
 fn of_sweep(sweep: Scanned, linked: &LinkedRays, same_surface_m: f64, is_pattern_open: bool) -> Steps {
-    let Scanned { points, intensity, .. } = sweep;
-    let LinkedRays { rays, neighbours, spacing, .. } = linked;
+    let intensity = sweep.intensity;
+    let LinkedRays { points, rays, neighbours, spacing, .. } = linked;
     let mut steps = Steps {
         range_m: vec![f32::NAN; points.len()],
         to_range_step_m: vec![[0.0; 3]; points.len()],
         intensity: intensity.map(|values| vec![f32::NAN; values.len()]),
         to_intensity_step_m: vec![[0.0; 3]; points.len()],
         spacing: *spacing,
+        axis: linked.axis(),
     };
     let step_to_nothing = if is_pattern_open { f64::NEG_INFINITY } else { f64::INFINITY };
     for (ray, sides) in rays.iter().zip(neighbours) {
@@ -120,7 +163,7 @@ fn of_sweep(sweep: Scanned, linked: &LinkedRays, same_surface_m: f64, is_pattern
         steps.range_m[ray.index] = if step == f64::NEG_INFINITY { f32::NAN } else { step as f32 };
         let gap = sides[side].map_or(*spacing, |beside| beside.distance.min(*spacing));
         let arc = RANGE_STEP * gap * if side == 0 { 1.0 } else { -1.0 };
-        steps.to_range_step_m[ray.index] = ray.turned(arc, points);
+        steps.to_range_step_m[ray.index] = linked.in_lidar(ray.turned(arc, points));
         if let Some((intensity, values)) = intensity.zip(steps.intensity.as_mut()) {
             for beside in sides {
                 let Some(other) = beside.map(|beside| &rays[beside.at]) else { continue };
@@ -129,12 +172,16 @@ fn of_sweep(sweep: Scanned, linked: &LinkedRays, same_surface_m: f64, is_pattern
                 let value = &mut values[ray.index];
                 if is_same && (value.is_nan() || difference > *value) {
                     *value = difference;
-                    steps.to_intensity_step_m[ray.index] = ray.half_way(other, points);
+                    steps.to_intensity_step_m[ray.index] = linked.in_lidar(ray.half_way(other, points));
                 }
             }
         }
     }
     steps
+}
+
+fn turned(turn: &Rotation3<f64>, vector: &[f32; 3]) -> [f32; 3] {
+    (turn * to_f64(vector)).map(|axis| axis as f32).into()
 }
 
 /// A neighbour of a ray.
@@ -255,6 +302,32 @@ mod tests {
 
         // Without them, neighbours are at the same elevation, where the pole is seen beside its ends, too.
         assert_ne!(edges(&by_firing, None), [firings(355), firings(365)].concat());
+    }
+
+    #[test]
+    fn lines_are_found_about_any_axis() {
+        let rings: Vec<Vec<[f32; 3]>> = (0..6).map(|ring| ring_from_above(f64::from(ring) * 0.01)).collect();
+        let points = rings.concat();
+        let steps_of = |points: &[[f32; 3]]| {
+            steps(&[Scanned { points, intensity: None, rings: None }], 0.3).swap_remove(0)
+        };
+        let upright = steps_of(&points);
+        for angles in [[1.5, 0.0, 0.4], [0.0, -1.5, 1.0], [0.9, 0.5, 0.0]] {
+            let turn = Rotation3::from_euler_angles(angles[0], angles[1], angles[2]);
+            let from_turned: Vec<[f32; 3]> = points.iter().map(|point| turned(&turn, point)).collect();
+            let found = steps_of(&from_turned);
+            for (index, step) in upright.range_m.iter().enumerate() {
+                let own = found.range_m[index];
+                assert!(own == *step || (own - step).abs() < 1e-3, "{angles:?} {index}: {own} {step}");
+                if *step > 0.3 {
+                    let expected = to_f64(&turned(&turn, &upright.to_range_step_m[index]));
+                    assert!(
+                        (to_f64(&found.to_range_step_m[index]) - expected).norm() < 1e-3,
+                        "{angles:?} {index}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]

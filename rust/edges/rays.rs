@@ -69,7 +69,7 @@ impl Ray {
 
     /// Unit vector to the ray's point, one of the `points` of the sweep. Dividing takes less time than sines and cosines, and
     /// a vector in each ray would take three quarters more memory.
-    fn direction(&self, points: &[[f32; 3]]) -> Vector3<f64> {
+    pub fn direction(&self, points: &[[f32; 3]]) -> Vector3<f64> {
         to_f64(&points[self.index]) / self.range
     }
 

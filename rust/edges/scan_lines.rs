@@ -23,15 +23,21 @@ const RAYS_AT_SEAM: usize = 3;
 /// Largest number of returns of one firing that are compared with those of the next.
 const MAX_RETURNS: usize = 4;
 
+/// The rays ring by ring; without rings, as they are.
+pub fn ring_by_ring(rays: &[Ray], rings: Option<&[u16]>) -> Vec<Ray> {
+    let mut sorted = rays.to_vec();
+    if let Some(rings) = rings {
+        sorted.sort_by_key(|ray| rings[ray.index]);
+    }
+    sorted
+}
+
 /// Puts the rays in the order of their scan lines, and finds the neighbours of each; `None` if they are not in the order of
 /// a scan.
 ///
 /// Without rings, one line must follow another, each a turn long or from one border of the view to the other.
 pub fn neighbours(rays: &[Ray], rings: Option<&[u16]>) -> Option<(Vec<Ray>, Vec<Sides>)> {
-    let mut sorted = rays.to_vec();
-    if let Some(rings) = rings {
-        sorted.sort_by_key(|ray| rings[ray.index]);
-    }
+    let sorted = ring_by_ring(rays, rings);
     let direction = direction_of_scan(&sorted, rings)?;
     let mut neighbours = Vec::with_capacity(sorted.len());
     for line in lines(&sorted, rings, direction) {
@@ -52,7 +58,7 @@ pub fn neighbours(rays: &[Ray], rings: Option<&[u16]>) -> Option<(Vec<Ray>, Vec<
     Some((sorted, neighbours))
 }
 
-fn is_one_ring(a: &Ray, b: &Ray, rings: Option<&[u16]>) -> bool {
+pub fn is_one_ring(a: &Ray, b: &Ray, rings: Option<&[u16]>) -> bool {
     rings.is_none_or(|rings| rings[a.index] == rings[b.index])
 }
 
