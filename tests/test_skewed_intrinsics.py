@@ -36,15 +36,15 @@ def test_a_speed_does_not_hide_a_wrong_principal_point(
     off = camera.model_copy(update={"K": ((fx, 0.0, cx + 6.0), *rows)})
     skew = skew_at(street_truth)
     wrong = replace(skewed, camera=off)
-    by_polish, with_cx = (
+    by_polish, with_center = (
         speeds._find_maximum(fits)
-        for ascent in (speeds.POLISH, speeds.POLISH_WITH_CX)
+        for ascent in (speeds.POLISH, speeds._polish_with(skew.center))
         if (fits := speeds._fit_speeds(wrong, skew, street_truth, ascent)) is not None
     )
     assert by_polish is not None
-    assert with_cx is not None
+    assert with_center is not None
     assert abs(by_polish.along_view_m_s - FAST_M_S) > 4.0
-    assert abs(with_cx.along_view_m_s - FAST_M_S) < 3.0
+    assert abs(with_center.along_view_m_s - FAST_M_S) < 3.0
     data = replace(load(read_drive(street)), observations=wrong)
     lidar = Lidar.model_validate({"spin": spin_at(street_truth)})
     data = replace(data, drive=data.drive.model_copy(update={"lidar": lidar}))
@@ -80,7 +80,7 @@ def test_intrinsics_are_estimated_by_sweeps_that_a_speed_deskews(
     )
     assert recorded.deskewed is None
     assert deskewed.deskewed is not None
-    speed, covariance = deskewed.deskewed.speed, deskewed.deskewed.covariance_with_cx
+    speed, errors = deskewed.deskewed.speed, deskewed.deskewed.errors
     assert speed is not None
     assert abs(speed.along_view_m_s - FAST_M_S) < 3.0 * speed.sigma_m_s
     joint = deskewed.joint
@@ -105,10 +105,10 @@ def test_intrinsics_are_estimated_by_sweeps_that_a_speed_deskews(
     assert without.camera is not None
     alone = without.camera.intrinsics["cx"].sigma
     assert alone is not None
-    assert covariance is not None
-    assert cx.sigma**2 - alone**2 == pytest.approx(covariance[6, 6])
+    assert errors is not None
+    assert cx.sigma**2 - alone**2 == pytest.approx(errors.covariance[6, 6])
     wider = np.subtract(joint.uncertainty.covariance, without.uncertainty.covariance)
-    np.testing.assert_allclose(wider, covariance[:6, :6], atol=1e-12)
+    np.testing.assert_allclose(wider, errors.of_pose, atol=1e-12)
     data = replace(load(read_drive(street)), observations=joint.observations)
     assert _AssessedPose(data, deskewed, PolishConfig(), None).budget.speed is None
 
@@ -127,9 +127,9 @@ def test_cx_is_free_only_where_it_is_asked_for(
     assert joint.is_kept
     assert joint.uncertainty is not None
     assert deskewed.covariance is not None
-    assert deskewed.covariance_with_cx is not None
+    assert deskewed.errors is not None
     assert "cx" not in deskewed.note
-    assert not deskewed.covariance_with_cx[6].any()
+    assert not deskewed.errors.covariance[6].any()
     config = AdjustmentConfig(intrinsics=("fx",))
     without = fit_jointly(deskewed.observations, polished.T_camera_lidar, config, PolishConfig()).uncertainty
     assert without is not None
@@ -148,25 +148,25 @@ def test_cx_is_free_only_where_it_is_asked_for(
 def test_a_speed_with_cx_that_may_be_none_deskews_nothing(
     street_observations: Observations, street_truth: Pose
 ) -> None:
-    deskewed = deskew(street_observations, skew_at(street_truth), street_truth, with_cx=True)
+    deskewed = deskew(street_observations, skew_at(street_truth), street_truth, with_center=True)
     assert deskewed.observations is street_observations
     assert deskewed.T_camera_lidar is street_truth
     assert "no speed" in deskewed.note
     assert deskewed.speed is not None
-    assert deskewed.covariance_with_cx is not None
-    assert deskewed.covariance_with_cx[6, 6] > 0.0
+    assert deskewed.errors is not None
+    assert deskewed.errors.covariance[6, 6] > 0.0
 
 
 def test_an_error_of_the_speed_counts_once_where_intrinsics_stay(
     skewed: Observations, street_truth: Pose
 ) -> None:
     """What a speed does to the pose includes what it does by cx."""
-    deskewed = deskew(skewed, skew_at(street_truth), street_truth, with_cx=True)
+    deskewed = deskew(skewed, skew_at(street_truth), street_truth, with_center=True)
     T = newton(deskewed.observations, street_truth, PolishConfig()).T_camera_lidar
     config = AdjustmentConfig(intrinsics=("cx",))
     without, joint = (
-        fit_jointly(deskewed.observations, T, config, PolishConfig(), speed_covariance=covariance)
-        for covariance in (None, deskewed.covariance_with_cx)
+        fit_jointly(deskewed.observations, T, config, PolishConfig(), speed_errors=errors)
+        for errors in (None, deskewed.errors)
     )
     assert not joint.is_kept
     assert joint.left_open is not None

@@ -75,8 +75,11 @@ def implausible_intrinsics(camera: Camera) -> dict[str, Finding]:
     measured = {}
     centers = (("cx", cx, camera.width, "wide"), ("cy", cy, camera.height, "high"))
     shares = {name: abs(center - 0.5 * (size - 1)) / size for name, center, size, _ in centers}
+    # The limits are those of landscapes, in whose images cx is along the longer side.
+    is_landscape = camera.width >= camera.height
+    limits = {"cx": "cx", "cy": "cy"} if is_landscape else {"cx": "cy", "cy": "cx"}
     # Another scale moves both.
-    is_scaled = all(share > IMPLAUSIBLE_INTRINSICS.limit(name) for name, share in shares.items())
+    is_scaled = all(share > IMPLAUSIBLE_INTRINSICS.limit(limits[name]) for name, share in shares.items())
     cause = (
         "K may belong to images of another size, or the images are cropped"
         if is_scaled
@@ -85,9 +88,9 @@ def implausible_intrinsics(camera: Camera) -> dict[str, Finding]:
     for name, center, size, side in centers:
         sentence = (
             f"{name} in K is {center:g} in images {size} {side}, {shares[name]:.0%} of that from the middle, usually "
-            f"at most {IMPLAUSIBLE_INTRINSICS.limit(name):.0%}: {cause}"
+            f"at most {IMPLAUSIBLE_INTRINSICS.limit(limits[name]):.0%}: {cause}"
         )
-        measured[name] = IMPLAUSIBLE_INTRINSICS.measured(shares[name], sentence, name)
+        measured[name] = IMPLAUSIBLE_INTRINSICS.measured(shares[name], sentence, limits[name])
     sentence = (
         f"fx in K is {fx / fy:.3f} times fy, usually 1 within {IMPLAUSIBLE_INTRINSICS.limit('aspect'):.0%}: K may "
         "belong to images that were resized differently"

@@ -97,6 +97,7 @@ def overlay(settings: OverlaySettings) -> None:
         make_folder(output / name, output)
         cues = cues_applied(camera, settings.cues, drives[name])
         by, observations = _observe(drives[name], settings, cues, "class")
+        observations = observations.along_scans(camera.pose)
         overlays = settings.styled(Overlays(drives[name], observations, {name: camera.pose}, by))
         terminal.print(*map(str, overlays.write_all(output / name)))
     for name, reason in result.failures.items():
@@ -122,6 +123,7 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
     by, observations = _observe(spec, settings, cues, "class" if against is None else "agreement")
     others = {name: seen_as(observations, spec, result.drive) for name, result in applied.items()}
     poses = {name: extrinsic.T_camera_lidar for name, extrinsic in extrinsics.items()}
+    observations = observations.along_scans(poses[str(calibration)])
     return settings.styled(Overlays(spec, observations, poses, by, others))
 
 

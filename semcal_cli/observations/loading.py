@@ -97,6 +97,11 @@ class LoadedDrive:
         coarse_cue = None if self.coarse_cue is None else with_both(self.coarse_cue)
         return replace(self, observations=with_both(self.observations), coarse_cue=coarse_cue)
 
+    def along_scans(self, T_camera_lidar: Pose) -> LoadedDrive:
+        """Use images in classes for scan lines as they cross them at a pose (4, 4), known to some degrees."""
+        observations = self.observations.along_scans(T_camera_lidar)
+        return self if observations is self.observations else replace(self, observations=observations)
+
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
         """Move the points as a rolling shutter sees them at a pose (4, 4): see `motion`."""
         observations = unrolled(self.observations, T_camera_lidar)

@@ -10,9 +10,10 @@ other cameras or labels, share the unchanged arrays, here and in the core. No co
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,7 @@ from semcal_cli.drive.lidar import Lidar
 from semcal_cli.geometry.arrays import Points, Pose
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.scenes import alike_frames
+from semcal_cli.threads import thread_pool
 
 TURN_DEG = 5.0
 """Angle of the turned cameras that `turn_loss` compares a pose with: the reach of a start for edges."""
@@ -71,6 +73,27 @@ class LabelledCloud:
         return core.LabelledCloud(self.points, self.classes, self.shares, self.partitions, self.plain_class)
 
 
+Along: TypeAlias = Literal["rows", "columns"]
+"""Lines of pixels of an image."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanLines:
+    """How the scan lines of a LiDAR cross an image whose classes depend on it."""
+
+    axis: Sequence[float]
+    """(3,) axis about which the LiDAR turns, LiDAR frame."""
+    along: Along
+    """The lines of pixels that scan lines are most nearly along."""
+    remade: Callable[[Along], LabelledImage]
+    """Makes the image again for scan lines along others."""
+
+    def at(self, T_camera_lidar: Pose) -> Along:
+        """Find the lines of pixels that scan lines are most nearly along at a pose (4, 4)."""
+        right, down, _ = np.abs(T_camera_lidar[:3, :3] @ self.axis)
+        return "columns" if right > down else "rows"
+
+
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
     """The pixels of one frame, with their classes by one cue."""
@@ -84,10 +107,24 @@ class LabelledImage:
     borders whose pixels are in doubt, as levels of a gradient; None for labels, whose borders have the edge band."""
     vectors: npt.NDArray[np.float16] | None = None
     """(H / s, W / s, C) features of blocks of s x s pixels, whose codes are the classes; None without features."""
+    scan_lines: ScanLines | None = None
+    """How scan lines cross the image, if its classes depend on that, as levels of a gradient do."""
+
+    @property
+    def along(self) -> Along:
+        """The lines of pixels that scan lines are taken to be along."""
+        return "rows" if self.scan_lines is None else self.scan_lines.along
 
     def with_classes(self, classes: npt.NDArray[np.uint8]) -> LabelledImage:
         """Copy with other classes (H, W); probabilities and features stay."""
         return replace(self, classes=classes)
+
+    def along_scans(self, T_camera_lidar: Pose) -> LabelledImage:
+        """Return the image with classes for scan lines as they cross it at a pose (4, 4)."""
+        lines = self.scan_lines
+        if lines is None or (along := lines.at(T_camera_lidar)) == lines.along:
+            return self
+        return lines.remade(along)
 
     def without_shares(self) -> LabelledImage:
         """Copy in which each pixel belongs to its class with certainty."""
@@ -247,6 +284,17 @@ class Observations:
         """Copy with another label image in each of `frame_observations`."""
         pairs = zip(self.frame_observations, images, strict=True)
         return self._with(replace(observed, image=image) for observed, image in pairs)
+
+    def along_scans(self, T_camera_lidar: Pose) -> Observations:
+        """Return the observations with images in classes for scan lines as they cross them at a pose (4, 4).
+
+        Raises:
+            InputError: an image that is read again is missing or wrong.
+        """
+        with thread_pool() as pool:
+            images = list(pool.map(lambda image: image.along_scans(T_camera_lidar), self.images))
+        is_same = all(image is before for image, before in zip(images, self.images, strict=True))
+        return self if is_same else self.with_images(images)
 
     def weighed(self, weight: float) -> Observations:
         """Copy in which each point weighs so many times as much when a pose is refined."""

@@ -44,6 +44,8 @@ class Skew(NamedTuple):
     """Moment of the image of each frame, or of all frames alike, on the clock of the spin's times, seconds."""
     moment_sigma_s: float = MOMENT_SIGMA_S
     """Standard deviation of the moments, seconds."""
+    center: str = "cx"
+    """The coordinate of the principal point whose errors look like a speed: cx, or cy of a camera on its side."""
 
     @classmethod
     def of(cls, drive: Drive, T_camera_lidar: Pose) -> Skew | None:
@@ -70,11 +72,13 @@ class Skew(NamedTuple):
             for frame in drive.frames
         ]
         is_stated = "time_offset_sigma_s" in drive.model_fields_set
+        right, down = np.abs(T_camera_lidar[:2, 2])
         return cls(
             spin,
             view,
             tuple(moment_s + drive.time_offset_s for moment_s in moments_s),
             drive.time_offset_sigma_s if is_stated else MOMENT_SIGMA_S,
+            "cy" if right > down else "cx",
         )
 
     @property

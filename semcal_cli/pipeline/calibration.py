@@ -59,6 +59,7 @@ def calibrate(
     check_options(data, config.refinement, priors)
     _check_folds(data, config, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
+    data = data.along_scans(initial.T_camera_lidar)
     candidates = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     stages = refine_and_polish(
         data, initial, config.refinement, config.seed, priors, on_event, candidates=candidates

@@ -34,6 +34,7 @@ def refine_given(
         priors: Known axes of the pose.
         on_event: Called with each event.
     """
+    data = data.along_scans(start.T_camera_lidar)
     initial, refinement = start_at(data, start, on_event), config.refinement
     stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)
     stages = assess(data, stages, refinement, on_event)
@@ -56,7 +57,9 @@ def assess_given(
     """
     if data.observations.has_vectors:
         raise InputError(f"{data.drive.path}: found features, which have no histogram; choose another cue")
-    initial, refinement, T = start_at(data, start, on_event), config.refinement, start.T_camera_lidar
+    T = start.T_camera_lidar
+    data = data.along_scans(T)
+    initial, refinement = start_at(data, start, on_event), config.refinement
     unrolled = data.unrolled(T)
     stages = Stages.from_refined(data, initial, None, is_compensated=True)
     stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)

@@ -26,6 +26,7 @@ from semcal_cli.errors import InputError, name_in_errors
 from semcal_cli.estimation.adjust.clock import ClockUncertainty
 from semcal_cli.estimation.adjust.deskewed import Deskewed, deskew
 from semcal_cli.estimation.adjust.joint import JointEstimate, fit_jointly
+from semcal_cli.estimation.adjust.joint_fit import SpeedErrors
 from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
 from semcal_cli.estimation.refine.estimators import make_estimator
 from semcal_cli.estimation.refine.higher_maxima import has_other_maxima
@@ -165,14 +166,13 @@ def refine_and_polish(
     stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
     if not is_polished(data.observations, config):
         return stages
-    # An error of cx looks like a speed: where cx is estimated, the speed is found together with it.
     unrolled, stages = deskew_sweeps(
         unrolled,
         stages,
         on_event,
         seed,
         with_priors=bool(priors),
-        with_cx="cx" in config.jointly.intrinsics,
+        intrinsics=config.jointly.intrinsics,
     )
     return _finish(unrolled, stages, config, priors, on_event)
 
@@ -184,26 +184,27 @@ def deskew_sweeps(
     seed: int = 0,
     *,
     with_priors: bool = False,
-    with_cx: bool = False,
+    intrinsics: Sequence[str] = (),
 ) -> tuple[LoadedDrive, Stages]:
     """Deskew sweeps by the speed that they show at the last pose, if the LiDAR turns and the drive gives no motion.
 
     Where other maxima are beside the pose, the highest at each speed is searched for, unless priors hold the pose or
-    the speed is found together with cx.
+    the speed is found together with the principal point: an error of it looks like a speed, so that is done where it is
+    among the `intrinsics` to estimate.
     """
     T, observations = stages.T_camera_lidar, data.observations
     if (skew := Skew.of(data.drive, T)) is None:
         return data, stages
-    rng = np.random.default_rng(seed)
+    rng, with_center = np.random.default_rng(seed), skew.center in intrinsics
 
     def estimate() -> Deskewed:
-        if with_priors or with_cx:
+        if with_priors or with_center:
             has_others = False
         elif stages.refined is not None:
             has_others = stages.refined.levels[-1].has_other_maxima
         else:
             has_others = has_other_maxima(observations, observations.starts, T, rng)
-        return deskew(observations, skew, T, rng if has_others else None, with_cx=with_cx)
+        return deskew(observations, skew, T, rng if has_others else None, with_center=with_center)
 
     deskewed = announced("deskewed", "estimating the speed", estimate, on_event, T)
     return replace(data, observations=deskewed.observations), replace(stages, deskewed=deskewed)
@@ -216,8 +217,8 @@ def _finish(
     polished = polish(data, stages.T_camera_lidar, config, on_event)
     stages, T_polished = replace(stages, polished=polished), polished.T_camera_lidar
     if not config.jointly.is_empty:
-        covariance = None if stages.deskewed is None else stages.deskewed.covariance_with_cx
-        joint = estimate_jointly(data, T_polished, config, on_event, speed_covariance=covariance)
+        errors = None if stages.deskewed is None else stages.deskewed.errors
+        joint = estimate_jointly(data, T_polished, config, on_event, speed_errors=errors)
         return replace(stages, joint=joint)
     if not priors:
         return stages
@@ -320,14 +321,11 @@ def estimate_jointly(
     config: RefinementConfig,
     on_event: Listener = ignore,
     *,
-    speed_covariance: Matrix | None = None,
+    speed_errors: SpeedErrors | None = None,
 ) -> JointEstimate:
-    """Estimate intrinsics and the offset of the clock together with the pose; see `adjust.joint`.
-
-    The covariance (7, 7) is that of the pose and cx by errors of the speed that deskewed the sweeps.
-    """
+    """Estimate intrinsics and the offset of the clock together with the pose; see `adjust.joint`."""
     doing = "estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"
-    settings = config.jointly, config.polish, data.drive.time_offset_s, speed_covariance
+    settings = config.jointly, config.polish, data.drive.time_offset_s, speed_errors
     stage = partial(fit_jointly, data.observations, T_polished, *settings)
     return announced("joint", doing, stage, on_event, T_polished)
 

@@ -160,7 +160,7 @@ def make_report_input(
         before=before,
         drive=used_drive,
         changes=changes,
-        observations=unrolled(observations, T_camera_lidar),
+        observations=unrolled(observations.along_scans(T_camera_lidar), T_camera_lidar),
         is_of_record=is_of_record,
         notices=tuple(notices),
     )

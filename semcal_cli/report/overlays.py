@@ -14,7 +14,6 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.image_files import write_image
 from semcal_cli.files.output_files import make_folder
@@ -91,15 +90,18 @@ def image_of(drive: Drive, observations: Observations, frame: int) -> tuple[Imag
     return paint(observations.images[frame].classes, palettes(observations)[1]), False
 
 
-def edge_image(drive: Drive, frame: Frame) -> Image:
-    """Draw the edges of a frame's image in white on the darkened grey image, (H, W, 3).
+def edge_image(drive: Drive, observations: Observations, number: int) -> Image:
+    """Draw the edges of a frame's image that scan lines cross in white on the darkened grey image, (H, W, 3).
 
     Raises:
         InputError: the frame has no image, or it is wrong.
     """
+    frame = drive.frames[number]
     image = read_needed_image(drive, frame)
     (mask,) = seen_pixels(drive, [frame])
-    strength, is_inside = gradients(drive.camera, image, mask, BLUR_PX)
+    strength, is_inside = gradients(
+        drive.camera, image, mask, BLUR_PX, along=observations.images[number].along
+    )
     full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     grey_with_edges = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
@@ -225,7 +227,7 @@ class Overlays:
     def _background(self, frame: int) -> Image:
         """Return the image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
         if self.by == "edge":
-            return edge_image(self.drive, self.drive.frames[frame])
+            return edge_image(self.drive, self.observations, frame)
         image, is_photograph = image_of(self.drive, self.observations, frame)
         if not is_photograph:
             return (LABEL_STRENGTH * image).astype(np.uint8)

@@ -168,7 +168,7 @@ def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) 
     ground: Literal["photograph", "labels", "edges"] = "edges"
     photograph = ""
     if coloring_of(observations) == "edge":
-        image = edge_image(drive, drive.frames[frame])
+        image = edge_image(drive, observations, frame)
         share /= 2  # the page is no larger for the second picture
         photograph = data_uri(image_of(drive, observations, frame)[0], share)
     else:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import yaml
+from laboratory.portrait import write_portrait_drive
 
 from semcal_cli.files.image_files import read_image
 from semcal_cli.formats.kitti_files import raw_pose, read_keyed
@@ -106,6 +107,12 @@ def with_turned_lidar(real: RealDrive, folder: Path) -> Iterator[RealDrive]:
         turned = document | {"frames": frames, "T_camera_lidar": T.tolist()}
         (path / "drive.yaml").write_text(yaml.safe_dump(turned))
         yield real._replace(name=f"{real.name}, {name}", path=path)
+
+
+def with_portrait_camera(real: RealDrive, folder: Path) -> RealDrive:
+    """Write a drive of KITTI again as its camera sees it on its side."""
+    path = write_portrait_drive(real.path, folder / f"{real.path.name}_portrait")
+    return real._replace(name=f"{real.name}, portrait", path=path)
 
 
 def _rings(points: np.ndarray) -> np.ndarray:

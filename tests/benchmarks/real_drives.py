@@ -5,11 +5,13 @@
     python tests/benchmarks/real_drives.py ../shared/data --start close --pairs 1 --only "KITTI object"
     python tests/benchmarks/real_drives.py ../shared/data --cue edges --rings 16 --starts 2 --only KITTI
     python tests/benchmarks/real_drives.py ../shared/data --start nothing --cue segments,edges --turned --only KITTI
+    python tests/benchmarks/real_drives.py ../shared/data --cue edges --starts 3 --portrait --only "KITTI "
 
 Each run starts near the published pose, in a direction of its own, as with `semcal calibrate --init`, or from nothing
 with a seed of its own. With `--pairs N` each takes N frames of the drive: one after the other, or at random. With
 `--rings 16`, sweeps of KITTI are cut to 16 of their 64 rings, in all four ways, and with `--turned` their points are in
-a frame that is upside down, on its side, or nose down. Only drives whose names contain `--only` are run.
+a frame that is upside down, on its side, or nose down. With `--portrait` the camera is on its side. Only drives whose
+names contain `--only` are run.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from benchmark import script, summary
 from laboratory.rates import median_and_worst
-from real_data import RealDrive, real_drives, with_fewer_rings, with_turned_lidar
+from real_data import RealDrive, real_drives, with_fewer_rings, with_portrait_camera, with_turned_lidar
 
 from semcal_cli.cli.options import CUES as CUE_NAMES
 from semcal_cli.config import CalibrationConfig
@@ -145,11 +147,15 @@ COLUMNS = (
 )
 
 
-def _chosen(data: Path, folder: Path, only: str, rings: int, turned: bool) -> Iterator[RealDrive]:
+def _chosen(
+    data: Path, folder: Path, only: str, rings: int, turned: bool, portrait: bool
+) -> Iterator[RealDrive]:
     for real in real_drives(data, folder):
         if only in real.name:
             if turned:
                 yield from with_turned_lidar(real, folder)
+            elif portrait:
+                yield with_portrait_camera(real, folder)
             else:
                 yield from [real] if rings == 64 else with_fewer_rings(real, rings, folder)
 
@@ -164,6 +170,7 @@ def main(
     pairs: tuple[int, ...] = (),
     rings: int = 64,
     turned: bool = False,
+    portrait: bool = False,
     only: str = "",
 ) -> Iterator[str]:
     seeds = range(first_seed, first_seed + starts)
@@ -171,7 +178,7 @@ def main(
     with TemporaryDirectory() as folder:
         found = (
             evaluate(real, each, start, seeds, num_pairs)
-            for real in _chosen(data.resolve(), Path(folder), only, rings, turned)
+            for real in _chosen(data.resolve(), Path(folder), only, rings, turned, portrait)
             for each in cue
             if real.files_allow(each.split(","))
             for num_pairs in numbers

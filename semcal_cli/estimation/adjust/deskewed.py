@@ -22,7 +22,7 @@ from semcal_cli import core
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_intrinsics
 from semcal_cli.estimation.adjust.intrinsics_estimate import ascend_with
-from semcal_cli.estimation.adjust.joint_fit import Variables, adjust_observations
+from semcal_cli.estimation.adjust.joint_fit import SpeedErrors, Variables, adjust_observations
 from semcal_cli.estimation.refine.higher_maxima import ClimbConfig, climb
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.stage import StageResult
@@ -61,18 +61,17 @@ class Deskewed(StageResult):
     """Points where the LiDAR would have seen them at the moment of the image, and the images."""
     speed: MeasuredSpeed | None
     """Speed that the sweeps show; None if they show none."""
-    covariance_with_cx: Matrix | None = None
-    """(7, 7) covariance of the pose and of cx by errors of the speed and of the moment of the images. It is zero for cx
-    unless the speed was found together with it. None without a speed."""
+    errors: SpeedErrors | None = None
+    """Errors of the pose by those of the speed; None without a speed."""
     for_intrinsics: Callable[[Camera], tuple[Observations, Pose]] | None = None
     """Function that returns points and images, and the best pose (4, 4) with these, metres, by which the intrinsics of
-    a camera are tested. They are deskewed by the speed that the sweeps show whatever cx is: with a wrong one, they seem
-    to have another speed. None where sweeps were left unchanged, or deskewed by that speed already."""
+    a camera are tested. They are deskewed by the speed that the sweeps show whatever the principal point is, because
+    with a wrong one they seem to have another. None where sweeps were left unchanged, or deskewed by that speed."""
 
     @property
     def covariance(self) -> Matrix | None:
         """(6, 6) covariance of the pose; None without a speed."""
-        return None if self.covariance_with_cx is None else self.covariance_with_cx[:6, :6]
+        return None if self.errors is None else self.errors.of_pose
 
 
 class _Best(NamedTuple):
@@ -82,8 +81,8 @@ class _Best(NamedTuple):
     """The deskewed sweeps and the images, with the camera that goes with the pose."""
     T_camera_lidar: Pose
     inverse_curvature: InverseCurvature = None
-    cx_change_px: float = 0.0
-    """Change of cx that was climbed together with the pose, pixels."""
+    center_change_px: float = 0.0
+    """Change of a coordinate of the principal point that was climbed together with the pose, pixels."""
 
 
 class _Ascent(NamedTuple):
@@ -102,7 +101,7 @@ class _Fit(NamedTuple):
     share_by_square: Mapping[tuple[int, ...], float]
     """Share of each square of the scenes, by scene, row and column, in the mutual information, nats."""
     inverse_curvature: InverseCurvature
-    cx_change_px: float
+    center_change_px: float
 
     @property
     def information(self) -> float:
@@ -125,7 +124,7 @@ def deskew(
     T_camera_lidar: Pose,
     rng: np.random.Generator | None = None,
     *,
-    with_cx: bool = False,
+    with_center: bool = False,
 ) -> Deskewed:
     """Estimate the speed of the rig along the view, and deskew the sweeps if it moves.
 
@@ -135,12 +134,14 @@ def deskew(
         T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
         rng: Source of searches for the highest maximum at each speed, where there are others beside that pose: the
             highest at a wrong speed may be another one than at the right speed. None where polishes follow the pose.
-        with_cx: Whether the speed is found together with cx, because cx is to be estimated; without `rng`.
+        with_center: Whether the speed is found together with `skew.center`, because it is to be estimated; without
+            `rng`.
     """
     ascent = POLISH if rng is None else _make_search(observations, T_camera_lidar, rng)
     start = _Best(observations, T_camera_lidar)
-    if with_cx:
-        ascent, start = POLISH_WITH_CX, _with_fx_and_cx(observations, T_camera_lidar)
+    if with_center:
+        ascent = _polish_with(skew.center)
+        start = _with_focal_and_center(observations, T_camera_lidar, skew.center)
     fits = _fit_speeds(start.observations, skew, start.T_camera_lidar, ascent)
     if fits is not None and rng is not None:
         T_camera_lidar = fits.first.T_camera_lidar
@@ -155,15 +156,15 @@ def deskew(
     if fits is None or speed is None:
         return as_they_are
     figures = f"{speed.along_view_m_s:.1f} +- {speed.sigma_m_s:.1f} m/s along the view"
-    if with_cx:
-        figures += ", found together with cx"
-    as_they_are = replace(as_they_are, speed=speed, covariance_with_cx=_covariance(fits, speed, skew))
+    if with_center:
+        figures += f", found together with {skew.center}"
+    as_they_are = replace(as_they_are, speed=speed, errors=_errors(fits, speed, skew))
     if not speed.is_used:
         note = f"the images show no speed, {figures}, and none across it; sweeps stay as they are"
         return replace(as_they_are, note=note)
     seen = skew.deskewed(observations, speed.used_m_s)
-    if with_cx:
-        # The fits moved the pose together with cx, which the polish takes as given.
+    if with_center:
+        # The fits moved the pose together with the principal point, which the polish takes as given.
         T = T_camera_lidar
     elif rng is None:
         # The polish holds out data, which took part in the fits: it starts where the speed alone moves the pose.
@@ -178,28 +179,31 @@ def deskew(
         agreement=core.agreement(seen.core, T),
         note=f"deskewed by the speed that the images show, {figures}",
         observations=seen,
-        for_intrinsics=None if with_cx else partial(_for_intrinsics, observations, skew, fits.middle),
+        for_intrinsics=None if with_center else partial(_for_intrinsics, observations, skew, fits.middle),
     )
 
 
 def remaining_speed(observations: Observations, skew: Skew, T_camera_lidar: Pose) -> MeasuredSpeed | None:
-    """Estimate the speed that sweeps still show after they were deskewed, whatever cx is; None if they show none.
+    """Estimate the speed that sweeps still show after they were deskewed, whatever the principal point is.
 
     Args:
         observations: Deskewed points, and the images.
         skew: How another speed would skew them.
         T_camera_lidar: (4, 4) pose that is a few pixels off at most, metres.
+
+    Returns:
+        The speed; None if they show none.
     """
-    fits = _fit_speeds(observations, skew, T_camera_lidar, POLISH_WITH_CX)
+    fits = _fit_speeds(observations, skew, T_camera_lidar, _polish_with(skew.center))
     return None if fits is None else _find_maximum(fits)
 
 
 def _for_intrinsics(
     observations: Observations, skew: Skew, near: _Fit, camera: Camera
 ) -> tuple[Observations, Pose]:
-    """Deskew by the speed that is found together with cx; without one, take sweeps as they are."""
+    """Deskew by the speed that is found together with the principal point; without one, take sweeps as they are."""
     observations, T = replace(observations, camera=camera), near.T_camera_lidar
-    fits = _fit_speeds(observations, skew, T, POLISH_WITH_CX, near.speed_m_s)
+    fits = _fit_speeds(observations, skew, T, _polish_with(skew.center), near.speed_m_s)
     speed = None if fits is None else _find_maximum(fits)
     seen = observations if speed is None else skew.deskewed(observations, speed.along_view_m_s)
     return seen, newton(seen, T, PolishConfig()).T_camera_lidar
@@ -210,31 +214,37 @@ def _polish(observations: Observations, T_start: Pose, inverse_curvature: Invers
     return _Best(observations, polished.T_camera_lidar, polished.inverse_curvature)
 
 
-def _polish_with_cx(observations: Observations, T_start: Pose, _: InverseCurvature) -> _Best:
-    maximum = ascend_with(observations, T_start, ("cx",), levels=(1,))
-    changes = np.array(maximum.changes)
-    adjusted = adjust_observations(observations, Variables(("cx",), with_delay=False), changes)
-    return _Best(adjusted, maximum.T_camera_lidar, cx_change_px=float(changes[0]))
+POLISH = _Ascent(_polish)
 
 
-def _with_fx_and_cx(observations: Observations, T_start: Pose) -> _Best:
-    """Replace fx and cx by what sweeps as they are ask for, and fy by the aspect that the drive states.
+def _polish_with(center: str) -> _Ascent:
+    """Make a polish of the pose together with a coordinate of the principal point."""
+
+    def polish(observations: Observations, T_start: Pose, _: InverseCurvature) -> _Best:
+        maximum = ascend_with(observations, T_start, (center,), levels=(1,))
+        changes = np.array(maximum.changes)
+        adjusted = adjust_observations(observations, Variables((center,), with_delay=False), changes)
+        return _Best(adjusted, maximum.T_camera_lidar, center_change_px=float(changes[0]))
+
+    return _Ascent(polish)
+
+
+def _with_focal_and_center(observations: Observations, T_start: Pose, center: str) -> _Best:
+    """Replace cx and fx, or cy and fy, by what sweeps as they are ask for; the aspect is that of the drive.
 
     On KITTI's sets, fx is then within 1.5 pixels, and the speed from there the same within 0.3 m/s, whether K is right,
     cx is 20 pixels off or both focal lengths 1 %. With that 1 %, the sweeps of KITTI object would show -4.7 m/s instead
     of 4.4. With fy and cy free, they show 3.8 +- 1.7, and those of a jam -3.5 +- 0.8 instead of -2.0: fy ends up to 2 %
     too small.
     """
-    camera, names = observations.camera, ("fx", "cx")
+    camera, focal = observations.camera, center.replace("c", "f")
+    names = (focal, center)
     maximum = ascend_with(observations, T_start, names)
     changes = np.array(maximum.changes)
     adjusted = adjust_observations(observations, Variables(names, with_delay=False), changes)
-    scale = intrinsic_value(adjusted.camera, "fx") / intrinsic_value(camera, "fx")
-    fy = {"fy": scale * intrinsic_value(camera, "fy")}
-    return _Best(replace(adjusted, camera=with_intrinsics(adjusted.camera, fy)), maximum.T_camera_lidar)
-
-
-POLISH, POLISH_WITH_CX = _Ascent(_polish), _Ascent(_polish_with_cx)
+    scale = intrinsic_value(adjusted.camera, focal) / intrinsic_value(camera, focal)
+    both = {name: scale * intrinsic_value(camera, name) for name in ("fx", "fy")}
+    return _Best(replace(adjusted, camera=with_intrinsics(adjusted.camera, both)), maximum.T_camera_lidar)
 
 
 def _make_search(observations: Observations, T_camera_lidar: Pose, rng: np.random.Generator) -> _Ascent:
@@ -276,7 +286,7 @@ def _fit_speeds(
         for square, share in zip(parts.by_scene.tolist(), shares.tolist(), strict=True):
             share_by_square[tuple(square)] += share
         return _Fit(
-            speed_m_s, best.T_camera_lidar, share_by_square, best.inverse_curvature, best.cx_change_px
+            speed_m_s, best.T_camera_lidar, share_by_square, best.inverse_curvature, best.center_change_px
         )
 
     def next_to(near: _Fit, step: int) -> _Fit:
@@ -326,14 +336,13 @@ def _find_maximum(fits: _Fits) -> MeasuredSpeed | None:
     )
 
 
-def _covariance(fits: _Fits, speed: MeasuredSpeed, skew: Skew) -> Matrix:
-    """Compute the covariance (7, 7) of the pose and cx by errors of the speed and of the moment of the images."""
+def _errors(fits: _Fits, speed: MeasuredSpeed, skew: Skew) -> SpeedErrors:
     (twist,) = local_coordinates([fits.after.T_camera_lidar], fits.before.T_camera_lidar)
-    change = np.append(twist, fits.after.cx_change_px - fits.before.cx_change_px)
+    change = np.append(twist, fits.after.center_change_px - fits.before.center_change_px)
     change_per_m_s = change / (fits.after.speed_m_s - fits.before.speed_m_s)
     along_view = adjoint(fits.middle.T_camera_lidar)[:, :3] @ skew.view
     # A speed that is not used is an error of its whole size.
     error_m_s = math.hypot(speed.sigma_m_s, speed.along_view_m_s - speed.used_m_s)
     error_by_moment = np.append(along_view * (speed.used_m_s * skew.moment_sigma_s), 0.0)
     errors = np.column_stack([change_per_m_s * error_m_s, error_by_moment])
-    return np.asarray(errors @ errors.T)
+    return SpeedErrors(np.asarray(errors @ errors.T), skew.center)

@@ -37,14 +37,15 @@ a pixel of where they end with the right K, and fy and cy within 5. A level of 8
 3 pixels, cx and fx by less than 1, and one of single pixels takes up to twice the time."""
 FOCAL_SIGMA, CENTER_SIGMA, LENS_SIGMA = 0.05, 0.03, 0.1
 """Standard deviations of the priors that hold what the frames do not determine: relative, as a share of the image's
-width, and of the first radial coefficient. Errors of a camera whose images are used are smaller."""
+longer side, and of the first radial coefficient. Errors of a camera whose images are used are smaller."""
 SHARED_PX, SCENE_PX = 0.35, 1.5
 """Misalignment of the points, root mean square, that all scenes share, and that each scene has of its own where edges
 are compared. On three KITTI sets and their halves with the right K, estimates are off by at most 2.5 times what they
 give (`tests/benchmarks/intrinsics.py`); on a third of one, five scenes, cx is off by 3.4 times."""
-SHARE_OF_CY = 0.27
-"""The same for cy, relative to the others: vertical edges, which are sharp, distinguish cy from a pitch by columns. On
-the same drives it is off by 1 to 4 pixels, where the misalignment of the points would allow 11 to 15."""
+SHARE_ACROSS = 0.27
+"""The same for the coordinate of the principal point across the scan lines, mostly cy, relative to the others: edges
+along it, which are sharp, distinguish cy from a pitch by columns. On the same drives it is off by 1 to 4 pixels, where
+the misalignment of the points would allow 11 to 15."""
 MIN_SCENES = 4
 """Least number of scenes where edges are compared, the number that a trusted pose by edges needs."""
 NEAR_PX = 1.6
@@ -99,7 +100,7 @@ def estimate_intrinsics(
         return None
     if not is_rough and around.is_maximum:
         step = around.scores.sum(axis=0) @ around.influence
-        if np.all(np.abs(step[6:]) < NEAR_PX * _pixels_of(around, names)):
+        if np.all(np.abs(step[6:]) < NEAR_PX * _pixels_of(around, names, observations)):
             return _estimate(given, step[6:], around, observations)
     seen = replace(observations, camera=with_all_coefficients(observations.camera, names))
     ascent = ascend_with(seen, T_camera_lidar, names)
@@ -127,7 +128,7 @@ def ascend_with(
 ) -> core.JointMaximum:
     """Climb from a pose (4, 4) and the given intrinsics to the maximum of both, on blocks of pixels."""
     camera = observations.camera
-    sigmas = dict.fromkeys(("cx", "cy"), CENTER_SIGMA * camera.width)
+    sigmas = dict.fromkeys(("cx", "cy"), CENTER_SIGMA * max(camera.size))
     sigmas |= {name: FOCAL_SIGMA * intrinsic_value(camera, name) for name in ("fx", "fy")}
     settings = AscentConfig(
         factors=levels,
@@ -146,7 +147,7 @@ def _estimate(
     pose, free = slice(0, 6), slice(6, None)
     motions = around.motions
     compensation = -np.linalg.solve(motions[pose, pose], motions[pose, free])
-    by_px = _pixels_of(around, tuple(given))
+    by_px = _pixels_of(around, tuple(given), observations)
     if observations.is_multimodal:
         chance = SCENE_PX * by_px / np.sqrt(len(set(observations.scenes)))
     elif around.is_maximum:
@@ -156,8 +157,9 @@ def _estimate(
     return IntrinsicsEstimate(given, changes, np.hypot(SHARED_PX * by_px, chance), np.asarray(compensation))
 
 
-def _pixels_of(around: Sensitivity, names: tuple[str, ...]) -> Numbers:
+def _pixels_of(around: Sensitivity, names: tuple[str, ...], observations: Observations) -> Numbers:
     """Compute how far each intrinsic (n,) may be off if points are misaligned by a pixel, root mean square."""
     by_px = np.sqrt(np.diag(np.linalg.inv(around.motions))[6:])
-    by_px[names.index("cy")] *= SHARE_OF_CY
+    across = "cy" if observations.images[0].along == "rows" else "cx"
+    by_px[names.index(across)] *= SHARE_ACROSS
     return np.asarray(by_px)

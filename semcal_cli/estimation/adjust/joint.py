@@ -15,7 +15,7 @@ from semcal_cli import core
 from semcal_cli.config import AdjustmentConfig, PolishConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_all_coefficients
 from semcal_cli.errors import format_against_limit
-from semcal_cli.estimation.adjust.joint_fit import Fit, Problem, Variables, adjust_observations
+from semcal_cli.estimation.adjust.joint_fit import Fit, Problem, SpeedErrors, Variables, adjust_observations
 from semcal_cli.estimation.refine.polish import newton, split
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.information import information_by_squares, paired_gain
@@ -73,7 +73,7 @@ def fit_jointly(
     config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float = 0.0,
-    speed_covariance: Matrix | None = None,
+    speed_errors: SpeedErrors | None = None,
 ) -> JointEstimate:
     """Estimate intrinsics and the time offset together with the pose.
 
@@ -85,15 +85,14 @@ def fit_jointly(
         config: What to estimate, and what is known of it beforehand.
         polish: Settings of the polish, by which data are held out.
         time_offset_s: Time by which the observations assume images to be later than their stamps, seconds.
-        speed_covariance: (7, 7) covariance of the pose and cx by errors of the speed that deskewed the sweeps, zero for
-            cx unless the speed was found together with it; None without a speed.
+        speed_errors: Errors by those of the speed that deskewed the sweeps; None without a speed.
     """
-    joint = _estimate(observations, T_camera_lidar, config, polish, time_offset_s, speed_covariance)
+    joint = _estimate(observations, T_camera_lidar, config, polish, time_offset_s, speed_errors)
     if not joint.is_kept or not can_be_unrolled(observations):
         return joint
     lines = unrolled(joint.observations, joint.T_camera_lidar)
     return _estimate(
-        exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s, speed_covariance
+        exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s, speed_errors
     )
 
 
@@ -103,12 +102,12 @@ def _estimate(
     config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float,
-    speed_covariance: Matrix | None,
+    speed_errors: SpeedErrors | None,
 ) -> JointEstimate:
     """Estimate once, with points that stay on their lines."""
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     adjusted, asked = replace(observations, camera=camera), Variables(config.intrinsics, config.with_delay)
-    problem = Problem(adjusted, asked, config, polish, speed_covariance)
+    problem = Problem(adjusted, asked, config, polish, speed_errors)
     fit = problem.fit_determined(T_camera_lidar)
     gain = _held_out_gain(problem, T_camera_lidar, fit)
     is_kept = bool(
@@ -180,13 +179,14 @@ def _left_open(
     if indices and fit.covariance is not None:
         about[np.ix_(indices, indices)] = fit.covariance[np.ix_(fit.places, fit.places)]
         about[np.ix_(indices, indices)] += np.outer(fit.changes, fit.changes)
-        if problem.speed_covariance is not None and "cx" in fit.variables.names:
-            # An error dv of the speed is counted elsewhere, by the change p' of the pose per m/s with cx free, which
-            # comes with the change c' of cx. The pose with the given cx is off by
+        errors = problem.speed_errors
+        if errors is not None and errors.center in fit.variables.names:
+            # An error dv of the speed is counted elsewhere, by the change p' of the pose per m/s with the c free,
+            # which comes with its change c'. The pose with the given centre is off by
             # shift (c_given - c_true) + (p' - shift c') dv = shift (c_given - c_found + noise) + p' dv,
-            # as c_found = c_true + noise + c' dv: the part of cx's variance by the speed cancels.
-            at_cx = asked.names.index("cx")
-            about[at_cx, at_cx] -= problem.speed_covariance[6, 6]
+            # as c_found = c_true + noise + c' dv: the part of its variance by the speed cancels.
+            at_center = asked.names.index(errors.center)
+            about[at_center, at_center] -= errors.covariance[6, 6]
     return np.asarray(shift @ about @ shift.T)
 
 

@@ -152,6 +152,21 @@ class Fit(NamedTuple):
         return distance > count * core.fisher_limit(CHANCE, count, MANY)
 
 
+class SpeedErrors(NamedTuple):
+    """Errors of a pose by those of the speed that deskewed its sweeps, and of the moment of the images."""
+
+    covariance: Matrix
+    """(7, 7) covariance of the pose, and of a coordinate of the principal point. It is zero for the latter unless the
+    speed was found together with it."""
+    center: str
+    """That coordinate, cx or cy: if it is wrong, it looks like a speed."""
+
+    @property
+    def of_pose(self) -> Matrix:
+        """(6, 6) covariance of the pose."""
+        return self.covariance[:6, :6]
+
+
 @dataclass(frozen=True)
 class Problem:
     """What is estimated together with the pose, from which data, and by which settings."""
@@ -164,8 +179,8 @@ class Problem:
     """What is known of the variables beforehand."""
     polish: PolishConfig
     """Settings of the polish."""
-    speed_covariance: Matrix | None = None
-    """(7, 7) covariance of the pose and cx by errors of the speed that deskewed the sweeps; None without one."""
+    speed_errors: SpeedErrors | None = None
+    """Errors by those of the speed that deskewed the sweeps; None without one."""
 
     def fit_determined(self, T: Pose) -> Fit:
         """Fit all variables that the data determine; each fit leaves out those that the one before did not determine.
@@ -308,13 +323,15 @@ class Problem:
         basis = directions / scale[:, None]
         covariance = np.asarray(basis / weights @ basis.T)
         freedom = labels.degrees_of_freedom(covariance)
-        if self.speed_covariance is None:
+        errors = self.speed_errors
+        if errors is None:
             return covariance, freedom
         # On KITTI's sets, 1 m/s changes cx by 0.9 to 1.9 pixels, 0.4 to 1.1 of its standard errors, and the others by
         # up to 0.3 of theirs.
         wider = covariance.copy()
-        places = [*range(6), *(6 + variables.names.index(name) for name in variables.names if name == "cx")]
-        wider[np.ix_(places, places)] += self.speed_covariance[: len(places), : len(places)]
+        names = variables.names
+        places = [*range(6), *(6 + names.index(name) for name in names if name == errors.center)]
+        wider[np.ix_(places, places)] += errors.covariance[: len(places), : len(places)]
         return wider, np.minimum(freedom * (np.diag(wider) / np.diag(covariance)) ** 2, MANY)
 
 

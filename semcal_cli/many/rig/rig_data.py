@@ -55,7 +55,7 @@ class RigData:
             InputError: as `load`.
             CalibrationError: as `load`.
         """
-        data = self.load(name, calibration).unrolled(T_camera_lidar)
+        data = self.load(name, calibration).along_scans(T_camera_lidar).unrolled(T_camera_lidar)
         return Skew.undone(data.observations, data.drive, T_camera_lidar, calibration.deskewed_m_s)
 
     def adjusted(

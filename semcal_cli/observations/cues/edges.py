@@ -1,6 +1,6 @@
 """The edges cue: steps along the scans of sweeps against gradients of the images. No labels are needed.
 
-A LiDAR scans as it turns. Where the range steps, the nearer surface ends, and the image changes from left to right;
+A LiDAR scans as it turns. Where the range steps, the nearer surface ends, and the image changes along the scan line;
 where the intensity steps, the material changes. Levinson and Thrun, *Automatic Online Calibration of Cameras and
 Lasers* (RSS 2013), multiply the two. Here, levels of steps and levels of gradients are classes, and mutual information
 weights them by the data. Edges between rings are left out: they are half a ring off, which is 0.2 degrees.
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -29,7 +30,14 @@ from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.intensity import surroundings
 from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.motion import compensated
-from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
+from semcal_cli.observations.observations import (
+    NO_CLASS,
+    Along,
+    LabelledCloud,
+    LabelledImage,
+    Observations,
+    ScanLines,
+)
 from semcal_cli.observations.reading import make_observations, read_clouds, read_needed_image
 from semcal_cli.threads import thread_pool
 
@@ -107,14 +115,10 @@ def observe_edges(
         config.blur_rays * edges.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
     )
 
-    def levels_of(frame: Frame, mask: Mask) -> ClassIds:
-        image = read_needed_image(drive, frame)
-        with name_in_errors(drive.resolve(str(frame.image))):
-            return _levels(drive.camera, image, mask, blur_px, config)
-
+    graded = partial(_graded, drive, blur_px, config, edges.axis)
     with thread_pool() as pool:
-        images = list(pool.map(levels_of, drive.frames, seen_pixels(drive, drive.frames)))
-    if not any(len(np.unique(image[image != NO_CLASS])) > 1 for image in images):
+        images = list(pool.map(graded, drive.frames, seen_pixels(drive, drive.frames)))
+    if not any(len(np.unique(image.classes[image.classes != NO_CLASS])) > 1 for image in images):
         raise CalibrationError(
             f"{drive.path}: image is nearly the same everywhere: it says nothing about the pose"
         )
@@ -122,9 +126,8 @@ def observe_edges(
         LabelledCloud(sweep.points + to_step, classes, plain_class=NO_EDGE)
         for sweep, to_step, classes in zip(moved, edges.to_steps_m, edges.classes, strict=True)
     ]
-    graded = [LabelledImage(image, blur_px=config.level_blur_px) for image in images]
     levels = [f"gradient {level}" for level in range(config.num_levels)]
-    return make_observations(drive, clouds, moved, labelled, graded, (edges.names, levels))
+    return make_observations(drive, clouds, moved, labelled, images, (edges.names, levels))
 
 
 class SweepEdges(NamedTuple):
@@ -139,6 +142,8 @@ class SweepEdges(NamedTuple):
     steps, that in range counts."""
     spacing: float
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
+    axis: Values
+    """(3,) axis about which the LiDAR turns, LiDAR frame: the median of the sweeps'."""
 
 
 def edges_of_sweeps(
@@ -173,7 +178,10 @@ def edges_of_sweeps(
         to_steps = np.where(steps_in_range[:, None], sweep.to_range_step_m, sweep.to_intensity_step_m)
         classes.append(of_points)
         to_steps_m.append(np.asarray(np.where(is_edge[:, None], to_steps, 0.0), np.float32))
-    return SweepEdges(classes, to_steps_m, names, float(np.median([sweep.spacing for sweep in steps])))
+    spacing, axis = (
+        np.median([getattr(sweep, name) for sweep in steps], axis=0) for name in ("spacing", "axis")
+    )
+    return SweepEdges(classes, to_steps_m, names, float(spacing), axis)
 
 
 def _classes(ranges_m: Values, steps: core.Steps, limits: Sequence[float], config: EdgesConfig) -> ClassIds:
@@ -193,9 +201,32 @@ def _classes(ranges_m: Values, steps: core.Steps, limits: Sequence[float], confi
     return classes
 
 
-def _levels(camera: Camera, image: Image, mask: Mask, blur_px: float, config: EdgesConfig) -> ClassIds:
-    """Compute the level (H, W) of the left-to-right gradient of an image, relative to its surroundings."""
-    strength, is_inside = gradients(camera, image, mask, blur_px, config)
+def _graded(
+    drive: Drive,
+    blur_px: float,
+    config: EdgesConfig,
+    axis: Values,
+    frame: Frame,
+    mask: Mask | None = None,
+    along: Along = "rows",
+) -> LabelledImage:
+    """Read the image of a frame, and find the levels of its gradients along the scan lines of a LiDAR.
+
+    Without a mask (H, W) of the pixels that show the scene, it is read again.
+    """
+    image = read_needed_image(drive, frame)
+    (mask,) = [mask] if mask is not None else seen_pixels(drive, [frame])
+    with name_in_errors(drive.resolve(str(frame.image))):
+        levels = _levels(drive.camera, image, mask, blur_px, config, along)
+    lines = ScanLines(axis.tolist(), along, partial(_graded, drive, blur_px, config, axis, frame, None))
+    return LabelledImage(levels, blur_px=config.level_blur_px, scan_lines=lines)
+
+
+def _levels(
+    camera: Camera, image: Image, mask: Mask, blur_px: float, config: EdgesConfig, along: Along
+) -> ClassIds:
+    """Compute the level (H, W) of the gradient of an image along scan lines, relative to its surroundings."""
+    strength, is_inside = gradients(camera, image, mask, blur_px, config, along)
     if not is_inside.any():
         raise CalibrationError(
             "found no pixel that is inside the lens and far enough from its border, expected image gradients"
@@ -209,9 +240,14 @@ def _levels(camera: Camera, image: Image, mask: Mask, blur_px: float, config: Ed
 
 
 def gradients(
-    camera: Camera, image: Image, mask: Mask, blur_px: float, config: EdgesConfig = EDGES
+    camera: Camera,
+    image: Image,
+    mask: Mask,
+    blur_px: float,
+    config: EdgesConfig = EDGES,
+    along: Along = "rows",
 ) -> tuple[Values, Mask]:
-    """Compute the left-to-right gradients of an image, relative to their mean in the surroundings.
+    """Compute the gradients of an image along scan lines, relative to their mean in the surroundings.
 
     They are those of the logarithm of the colours, so that an edge is as strong in the shade as in the light.
 
@@ -219,26 +255,33 @@ def gradients(
         camera: The camera, whose lens converts angles to pixels.
         image: (H, W, 3) colours.
         mask: (H, W) pixels that show the scene and are within the reach of the lens.
-        blur_px: Standard deviation of the blur before and after the gradient is taken; smaller from top to bottom
+        blur_px: Standard deviation of the blur before and after the gradient is taken; smaller across the scan lines
             where it is more than the config allows.
         config: Settings of the cue.
+        along: The lines of pixels that scan lines are along.
 
     Returns:
         Strength of the gradient (H, W), and whether (H, W) all pixels that it comes from are in the mask.
     """
     across_px = math.radians(config.most_blur_across_deg) * core_camera(camera).pixels_per_radian
     across_px = max(min(blur_px, across_px), config.least_blur_px)
-    smooth = cv2.GaussianBlur(np.log(image.astype(np.float32) + DARK), (0, 0), blur_px, sigmaY=across_px)
+    (blur_x, blur_y), around_x_y = (
+        pair if along == "rows" else pair[::-1]
+        for pair in ((blur_px, across_px), (config.surroundings_deg, config.surroundings_across_deg))
+    )
+    blurred = partial(cv2.GaussianBlur, ksize=(0, 0), sigmaX=blur_x, sigmaY=blur_y)
+    smooth = blurred(np.log(image.astype(np.float32) + DARK))
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
     # The border of the image is not a border of the mask.
     padded = np.pad(mask.astype(np.uint8), 1, mode="edge")
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
-    of_colors = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1.0 / SOBEL_SUM)
+    dx, dy = (1, 0) if along == "rows" else (0, 1)
+    of_colors = cv2.Sobel(smooth, cv2.CV_32F, dx, dy, ksize=3, scale=1.0 / SOBEL_SUM)
     strength = np.sqrt(np.mean(np.square(of_colors), axis=2)) * is_inside
-    mean_around = surroundings(camera, config.surroundings_deg, config.surroundings_across_deg)
+    mean_around = surroundings(camera, *around_x_y)
     weights = np.maximum(mean_around(is_inside), np.finfo(np.float32).tiny)
     beside = strength / (mean_around(strength) / weights + MIN_GRADIENT)
-    return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px, sigmaY=across_px), np.float32), is_inside
+    return np.asarray(blurred(beside), np.float32), is_inside
 
 
 MIN_SCENES = 4

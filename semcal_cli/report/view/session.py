@@ -111,7 +111,8 @@ class Session:
             output: File that a pose is saved to; None if the browser saves it.
             unlabelled: Reason why points have no classes; empty if they have.
         """
-        self.data, self.config, self.output, self.unlabelled = data, config, output, unlabelled
+        self.data = data if start is None else data.along_scans(start)
+        self.config, self.output, self.unlabelled = config, output, unlabelled
         self.start, self.has_saved = start, False
         self._intensities = [_levels(cloud) for cloud in clouds]
         self._refining = threading.Lock()
@@ -159,7 +160,7 @@ class Session:
         """
         self._check_frame(frame)
         if by_edge:
-            image = edge_image(self.data.drive, self.data.drive.frames[frame])
+            image = edge_image(self.data.drive, self.observations, frame)
         else:
             image, _ = image_of(self.data.drive, self.observations, frame)
         if image.shape[1] > MAX_COLUMNS:
