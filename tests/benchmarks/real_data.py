@@ -115,6 +115,42 @@ def with_portrait_camera(real: RealDrive, folder: Path) -> RealDrive:
     return real._replace(name=f"{real.name}, portrait", path=path)
 
 
+PROCESSED: dict[str, Callable[[np.ndarray, np.random.Generator], np.ndarray]] = {
+    "in random order": lambda cloud, rng: rng.permutation(cloud),
+    "half of the points": lambda cloud, rng: cloud[rng.random(len(cloud)) < 0.5],
+    "voxels of 5 cm": lambda cloud, _: _means_of_voxels(cloud, 0.05),
+    "voxels of 10 cm": lambda cloud, _: _means_of_voxels(cloud, 0.1),
+    "rounded to centimetres": lambda cloud, _: np.column_stack([cloud[:, :3].round(2), cloud[:, 3:]]),
+    "without intensities": lambda cloud, _: cloud[:, :3],
+    "up to 30 m": lambda cloud, _: cloud[np.linalg.norm(cloud[:, :3], axis=1) < 30.0],
+}
+"""What users do to clouds: points (N, 4), metres, with intensities, before and after."""
+
+
+def with_processed_clouds(real: RealDrive, folder: Path) -> Iterator[RealDrive]:
+    """Write a drive of KITTI again, once for each way in which its clouds are processed."""
+    document = yaml.safe_load((real.path / "drive.yaml").read_text())
+    for name, process in PROCESSED.items():
+        path, rng = folder / f"{real.path.name}_{name.replace(' ', '_')}", np.random.default_rng(0)
+        path.mkdir()
+        frames = []
+        for number, frame in enumerate(document["frames"]):
+            points = np.fromfile(real.path / frame["points"], np.float32).reshape(-1, 4)
+            np.save(path / f"{number}.npy", process(points, rng).astype(np.float32))
+            frames.append(frame | {"points": f"{number}.npy"})
+        (path / "drive.yaml").write_text(yaml.safe_dump(document | {"frames": frames}))
+        yield real._replace(name=f"{real.name}, {name}", path=path)
+
+
+def _means_of_voxels(cloud: np.ndarray, side_m: float) -> np.ndarray:
+    """Average the points (N, 4) of each voxel, as a voxel grid filter does."""
+    _, voxels, counts = np.unique(
+        np.floor(cloud[:, :3] / side_m), axis=0, return_inverse=True, return_counts=True
+    )
+    sums = [np.bincount(voxels.ravel(), column) for column in cloud.T]
+    return np.column_stack(sums) / counts[:, None]
+
+
 def _rings(points: np.ndarray) -> np.ndarray:
     """Number the rings (N,) of a sweep of KITTI, whose file has one after the other, each from straight ahead."""
     turned = np.arctan2(points[:, 1], points[:, 0]) % (2.0 * np.pi)

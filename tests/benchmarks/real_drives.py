@@ -4,14 +4,13 @@
     python tests/benchmarks/real_drives.py ../shared/data --start nothing --cue segments,edges --only KITTI
     python tests/benchmarks/real_drives.py ../shared/data --start close --pairs 1 --only "KITTI object"
     python tests/benchmarks/real_drives.py ../shared/data --cue edges --rings 16 --starts 2 --only KITTI
-    python tests/benchmarks/real_drives.py ../shared/data --start nothing --cue segments,edges --turned --only KITTI
-    python tests/benchmarks/real_drives.py ../shared/data --cue edges --starts 3 --portrait --only "KITTI "
+    python tests/benchmarks/real_drives.py ../shared/data --cue edges --starts 3 --changed portrait --only "KITTI "
 
 Each run starts near the published pose, in a direction of its own, as with `semcal calibrate --init`, or from nothing
 with a seed of its own. With `--pairs N` each takes N frames of the drive: one after the other, or at random. With
-`--rings 16`, sweeps of KITTI are cut to 16 of their 64 rings, in all four ways, and with `--turned` their points are in
-a frame that is upside down, on its side, or nose down. With `--portrait` the camera is on its side. Only drives whose
-names contain `--only` are run.
+`--rings 16`, sweeps of KITTI are cut to 16 of their 64 rings, in all four ways. With `--changed turned`, their points
+are in a frame that is upside down, on its side, or nose down; with `portrait` the camera is on its side; and with
+`processed` clouds are in random order, thinned, rounded and so on. Only drives whose names contain `--only` are run.
 """
 
 from __future__ import annotations
@@ -25,7 +24,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from benchmark import script, summary
 from laboratory.rates import median_and_worst
-from real_data import RealDrive, real_drives, with_fewer_rings, with_portrait_camera, with_turned_lidar
+from real_data import (
+    RealDrive,
+    real_drives,
+    with_fewer_rings,
+    with_portrait_camera,
+    with_processed_clouds,
+    with_turned_lidar,
+)
 
 from semcal_cli.cli.options import CUES as CUE_NAMES
 from semcal_cli.config import CalibrationConfig
@@ -51,6 +57,7 @@ from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import calibrate
 
 Start = Literal["near", "far", "close", "nothing"]
+Changed = Literal["turned", "portrait", "processed"]
 STARTS = {"near": (2.0, 0.2), "far": (5.0, 0.3), "close": (1.0, 0.1), "nothing": None}
 """Distance of a start from the published pose, degrees and metres."""
 RIGHT, NEAR = (0.2, 5.0), (0.5, 20.0)
@@ -147,17 +154,18 @@ COLUMNS = (
 )
 
 
-def _chosen(
-    data: Path, folder: Path, only: str, rings: int, turned: bool, portrait: bool
-) -> Iterator[RealDrive]:
+def _chosen(data: Path, folder: Path, only: str, changed: Changed | None, rings: int) -> Iterator[RealDrive]:
     for real in real_drives(data, folder):
         if only in real.name:
-            if turned:
-                yield from with_turned_lidar(real, folder)
-            elif portrait:
-                yield with_portrait_camera(real, folder)
-            else:
-                yield from [real] if rings == 64 else with_fewer_rings(real, rings, folder)
+            match changed:
+                case "turned":
+                    yield from with_turned_lidar(real, folder)
+                case "portrait":
+                    yield with_portrait_camera(real, folder)
+                case "processed":
+                    yield from with_processed_clouds(real, folder)
+                case None:
+                    yield from [real] if rings == 64 else with_fewer_rings(real, rings, folder)
 
 
 def main(
@@ -169,8 +177,7 @@ def main(
     first_seed: int = 90,
     pairs: tuple[int, ...] = (),
     rings: int = 64,
-    turned: bool = False,
-    portrait: bool = False,
+    changed: Changed | None = None,
     only: str = "",
 ) -> Iterator[str]:
     seeds = range(first_seed, first_seed + starts)
@@ -178,7 +185,7 @@ def main(
     with TemporaryDirectory() as folder:
         found = (
             evaluate(real, each, start, seeds, num_pairs)
-            for real in _chosen(data.resolve(), Path(folder), only, rings, turned, portrait)
+            for real in _chosen(data.resolve(), Path(folder), only, changed, rings)
             for each in cue
             if real.files_allow(each.split(","))
             for num_pairs in numbers
