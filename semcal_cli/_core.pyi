@@ -940,7 +940,7 @@ class Steps:
     spacing: float
     """Median angle between neighbouring rays, radians; 0 if there are none."""
     axis: list[float]
-    """(3,) unit vector of the axis about which the LiDAR turns, LiDAR frame."""
+    """(3,) unit vector of the axis about which the LiDAR turns, LiDAR frame: z if the points do not tell another."""
     intensity: NDArray[np.float32] | None
     """(N,) larger intensity difference to a neighbour on the same surface; NaN if there is none."""
 

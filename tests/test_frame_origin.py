@@ -26,7 +26,7 @@ from semcal_cli.checks.other_pose import OTHER_POSE, check_rivals
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, CueName, RefinementConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.lidar import Lidar
-from semcal_cli.estimation.adjust.frame_offsets import fit_part
+from semcal_cli.estimation.adjust.frame_offsets import FAR_PYRAMID, fit_part
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
@@ -168,7 +168,7 @@ def checked(observations: Observations, T: Pose, uncertainty: Uncertainty | None
         *check_consistency(observations, T, estimated_s=0.0),
         *check_frames(observations, T, names).measured,
     )
-    part = fit_part(observations, range(2), T)
+    part = fit_part(observations, range(2), T, FAR_PYRAMID)
     assert part is not None
     return {each.topic: each.value for each in measured} | {
         "part": compare_poses(part.T_camera_lidar, T).rotation_deg

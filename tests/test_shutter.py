@@ -146,8 +146,8 @@ def test_a_pose_is_as_good_as_without_a_rolling_shutter(
     rotation_deg, center_cm = error(data, stages)
     assert rotation_deg < MAX_DEG
     assert center_cm < MAX_CM
-    assert stages.unrolled is not None
-    assert core.agreement(stages.unrolled.core, truth(data)).label_agreement > by_line - 1e-3
+    assert stages.seen_refined is not None
+    assert core.agreement(stages.seen_refined.core, truth(data)).label_agreement > by_line - 1e-3
     at_middle_deg, at_middle_cm = error(data, found(at_middle_line(data)))
     assert at_middle_deg > 2.0 * rotation_deg
     assert at_middle_cm > 1.2 * center_cm
@@ -288,4 +288,4 @@ def test_a_shutter_that_does_not_roll_changes_no_bit(still: LoadedDrive) -> None
     other = calibrate(still.drive.model_copy(update={"camera": camera}), initial_pose=start)
     of_file = {"input"}
     assert other.model_dump(exclude=of_file) == expected.model_dump(exclude=of_file)
-    assert found(still).unrolled is None
+    assert found(still).seen_refined is None

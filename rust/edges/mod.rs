@@ -46,7 +46,7 @@ pub struct Steps {
     /// Vector from each point half-way to that neighbour, metres.
     pub to_intensity_step_m: Vec<[f32; 3]>,
     pub spacing: f64,
-    /// Axis about which the LiDAR turns, LiDAR frame.
+    /// Axis about which the LiDAR turns, LiDAR frame: z if the points do not tell another.
     pub axis: UnitVector3<f64>,
 }
 
@@ -102,7 +102,8 @@ impl<'a> LinkedRays<'a> {
             .unwrap_or_else(|| about_z(same_elevation::neighbours(rays)))
     }
 
-    /// The rays of a LiDAR that turns about another axis than z; `None` if they are not in the order of its scan.
+    /// The rays of a LiDAR that turns about another axis than z; `None` if they are not in the order of its scan, or take up
+    /// less than half a turn.
     fn about_another_axis(sweep: &Scanned, rays: &[Ray]) -> Option<Self> {
         let axis = scan_axis::scan_axis(rays, sweep.rings, sweep.points)?;
         let turn = Rotation3::rotation_between(&axis, &Vector3::z())?;
@@ -316,6 +317,11 @@ mod tests {
             let turn = Rotation3::from_euler_angles(angles[0], angles[1], angles[2]);
             let from_turned: Vec<[f32; 3]> = points.iter().map(|point| turned(&turn, point)).collect();
             let found = steps_of(&from_turned);
+            assert!(found.axis.dot(&(turn * Vector3::z_axis())).abs() > 0.9999, "{angles:?}");
+            // A view of 120 degrees may as well be scanned column by column.
+            let in_view: Vec<[f32; 3]> =
+                rings.iter().flat_map(|ring| &ring[300..540]).map(|point| turned(&turn, point)).collect();
+            assert_eq!(steps_of(&in_view).axis, Vector3::z_axis());
             for (index, step) in upright.range_m.iter().enumerate() {
                 let own = found.range_m[index];
                 assert!(own == *step || (own - step).abs() < 1e-3, "{angles:?} {index}: {own} {step}");

@@ -17,10 +17,10 @@ const NUM_REFINEMENTS: usize = 5;
 const SECTORS: usize = 36;
 const MIN_SECTORS: usize = 18;
 
-/// The axis, on the side of positive z; `None` without neighbouring rays. Rays in another order have an axis, too, about
-/// which they do not advance.
+/// The axis, on the side of positive z; `None` without neighbouring rays. Rays in another order than a scan's have an axis,
+/// too: whether they advance about it, `scan_lines::neighbours` tells.
 ///
-/// It is within 0.4 degrees of the z axis for the sweeps of KITTI and KITTI-360.
+/// For five sweeps of KITTI and KITTI-360, it is within 0.4 degrees of the z axis.
 pub fn scan_axis(rays: &[Ray], rings: Option<&[u16]>, points: &[[f32; 3]]) -> Option<UnitVector3<f64>> {
     let step = |pair: &[Ray]| {
         let step = pair[1].direction(points) - pair[0].direction(points);

@@ -39,15 +39,15 @@ IMPLAUSIBLE_INTRINSICS = Check(
             at_most=0.04,
             unit="%",
             source=(
-                "published cameras (KITTI, nuScenes, RELLIS-3D, OpenCalib) are off by at most 3 % of the width, and "
-                "images of which a tenth was cut off at one side by 5 %"
+                "published cameras (KITTI, nuScenes, RELLIS-3D, OpenCalib) are off by at most 3 % of the longer side, "
+                "and images of which a tenth was cut off at one side by 5 %"
             ),
         ),
         "cy": Limit(
             at_most=0.06,
             unit="%",
             source=(
-                "the same cameras are off by at most 5.7 % of the height, which is smaller; KITTI's with 20 rows cut "
+                "the same cameras are off by at most 5.7 % of the shorter side; KITTI's with 20 rows cut "
                 "off at the top by 9 %, but also KITTI-360's, whose K was made for its rectified strips, by 14 %"
             ),
         ),
@@ -75,7 +75,7 @@ def implausible_intrinsics(camera: Camera) -> dict[str, Finding]:
     measured = {}
     centers = (("cx", cx, camera.width, "wide"), ("cy", cy, camera.height, "high"))
     shares = {name: abs(center - 0.5 * (size - 1)) / size for name, center, size, _ in centers}
-    # The limits are those of landscapes, in whose images cx is along the longer side.
+    # Each limit is that of a side, and cx of landscapes is along the longer one.
     is_landscape = camera.width >= camera.height
     limits = {"cx": "cx", "cy": "cy"} if is_landscape else {"cx": "cy", "cy": "cx"}
     # Another scale moves both.

@@ -34,7 +34,8 @@ WRONG_MOTION = Check(
         ),
         remedy="Correct the motion, or leave it out.",
         figure=(
-            "Speed that is left, in its standard errors, with cx free so that a wrong K does not look like a speed. "
+            "Speed that is left, in its standard errors, with the principal point free so that a wrong K does not look "
+            "like a speed. "
             "The check needs `lidar.spin`, a triggered camera and four scenes."
         ),
     ),

@@ -121,9 +121,9 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
     spec = applied.pop(str(calibration)).drive.model_copy(update={"frames": frames})
     cues = cues_applied(extrinsics[str(calibration)].record, settings.cues, spec)
     by, observations = _observe(spec, settings, cues, "class" if against is None else "agreement")
+    observations = observations.along_scans(extrinsics[str(calibration)].T_camera_lidar)
     others = {name: seen_as(observations, spec, result.drive) for name, result in applied.items()}
     poses = {name: extrinsic.T_camera_lidar for name, extrinsic in extrinsics.items()}
-    observations = observations.along_scans(poses[str(calibration)])
     return settings.styled(Overlays(spec, observations, poses, by, others))
 
 

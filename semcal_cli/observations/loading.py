@@ -98,7 +98,7 @@ class LoadedDrive:
         return replace(self, observations=with_both(self.observations), coarse_cue=coarse_cue)
 
     def along_scans(self, T_camera_lidar: Pose) -> LoadedDrive:
-        """Use images in classes for scan lines as they cross them at a pose (4, 4), known to some degrees."""
+        """Take image gradients along the scan lines, as a pose (4, 4) projects them that is known to some degrees."""
         observations = self.observations.along_scans(T_camera_lidar)
         return self if observations is self.observations else replace(self, observations=observations)
 

@@ -74,7 +74,17 @@ class LabelledCloud:
 
 
 Along: TypeAlias = Literal["rows", "columns"]
-"""Lines of pixels of an image."""
+"""Whether the scan lines of a LiDAR run along the rows or the columns of an image."""
+Z_AXIS = (0.0, 0.0, 1.0)
+MIN_ACROSS, MIN_RATIO = 0.5, 1.5
+"""Component of a LiDAR's axis to the right of the camera, and ratio of it to that downwards, beyond which scan lines
+run along the columns. A camera that is rolled by up to 56 degrees, or looks along the axis, counts as upright."""
+
+
+def along_at(T_camera_lidar: Pose, axis: Sequence[float] = Z_AXIS) -> Along:
+    """Find along what scan lines run at a pose (4, 4), for a LiDAR that turns about this axis (3,)."""
+    right, down, _ = np.abs(T_camera_lidar[:3, :3] @ axis)
+    return "columns" if right > max(MIN_ACROSS, MIN_RATIO * down) else "rows"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +94,9 @@ class ScanLines:
     axis: Sequence[float]
     """(3,) axis about which the LiDAR turns, LiDAR frame."""
     along: Along
-    """The lines of pixels that scan lines are most nearly along."""
-    remade: Callable[[Along], LabelledImage]
+    """The lines of pixels along which they are taken to run."""
+    regraded: Callable[[Along], LabelledImage]
     """Makes the image again for scan lines along others."""
-
-    def at(self, T_camera_lidar: Pose) -> Along:
-        """Find the lines of pixels that scan lines are most nearly along at a pose (4, 4)."""
-        right, down, _ = np.abs(T_camera_lidar[:3, :3] @ self.axis)
-        return "columns" if right > down else "rows"
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +125,11 @@ class LabelledImage:
         return replace(self, classes=classes)
 
     def along_scans(self, T_camera_lidar: Pose) -> LabelledImage:
-        """Return the image with classes for scan lines as they cross it at a pose (4, 4)."""
+        """Return the image with gradients taken along the scan lines, as a pose (4, 4) projects them."""
         lines = self.scan_lines
-        if lines is None or (along := lines.at(T_camera_lidar)) == lines.along:
+        if lines is None or (along := along_at(T_camera_lidar, lines.axis)) == lines.along:
             return self
-        return lines.remade(along)
+        return lines.regraded(along)
 
     def without_shares(self) -> LabelledImage:
         """Copy in which each pixel belongs to its class with certainty."""
@@ -285,12 +290,20 @@ class Observations:
         pairs = zip(self.frame_observations, images, strict=True)
         return self._with(replace(observed, image=image) for observed, image in pairs)
 
+    def along(self, T_camera_lidar: Pose) -> Along:
+        """Find along what scan lines run in the images at a pose (4, 4)."""
+        axes = (image.scan_lines.axis for image in self.images if image.scan_lines is not None)
+        return along_at(T_camera_lidar, next(axes, Z_AXIS))
+
     def along_scans(self, T_camera_lidar: Pose) -> Observations:
-        """Return the observations with images in classes for scan lines as they cross them at a pose (4, 4).
+        """Return the observations with image gradients taken along the scan lines, as a pose (4, 4) projects them.
 
         Raises:
             InputError: an image that is read again is missing or wrong.
+            CalibrationError: no pixel of it has a gradient.
         """
+        if all(image.scan_lines is None for image in self.images):
+            return self
         with thread_pool() as pool:
             images = list(pool.map(lambda image: image.along_scans(T_camera_lidar), self.images))
         is_same = all(image is before for image, before in zip(images, self.images, strict=True))

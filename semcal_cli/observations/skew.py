@@ -19,7 +19,7 @@ import numpy.typing as npt
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.lidar import Spin
 from semcal_cli.geometry.arrays import Numbers, Pose
-from semcal_cli.observations.observations import LabelledCloud, Observations
+from semcal_cli.observations.observations import LabelledCloud, Observations, along_at
 from semcal_cli.threads import thread_pool
 
 MIN_LEVEL = 0.5
@@ -72,13 +72,12 @@ class Skew(NamedTuple):
             for frame in drive.frames
         ]
         is_stated = "time_offset_sigma_s" in drive.model_fields_set
-        right, down = np.abs(T_camera_lidar[:2, 2])
         return cls(
             spin,
             view,
             tuple(moment_s + drive.time_offset_s for moment_s in moments_s),
             drive.time_offset_sigma_s if is_stated else MOMENT_SIGMA_S,
-            "cy" if right > down else "cx",
+            "cx" if along_at(T_camera_lidar) == "rows" else "cy",
         )
 
     @property

@@ -164,11 +164,12 @@ class _AssessedPose:
     def tested_intrinsics(self) -> IntrinsicsEstimate | None:
         """Estimate the intrinsics to test them; None if the frames determine none.
 
-        A speed looks like an error of cx: on KITTI raw, -10 m/s in place of 7 hide a cx that is 20 pixels off.
+        A speed looks like an error of cx, or of cy if the camera is on its side: on KITTI raw, -10 m/s in place of 7
+        hide a cx that is 20 pixels off.
         """
         observations, T = self.data.checked_by, self.stages.T_camera_lidar
         is_same = observations is self.data.observations
-        # Where cx was estimated, it was free when sweeps were deskewed.
+        # Where the principal point was estimated, it was free when sweeps were deskewed.
         for_intrinsics = None if self.stages.deskewed is None else self.stages.deskewed.for_intrinsics
         if for_intrinsics is not None:
             seen, T = for_intrinsics(self.data.observations.camera)

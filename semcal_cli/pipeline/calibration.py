@@ -58,8 +58,9 @@ def calibrate(
     data = load(data, config)
     check_options(data, config.refinement, priors)
     _check_folds(data, config, priors)
+    if initial_pose is not None:
+        data = data.along_scans(initial_pose.T_camera_lidar)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
-    data = data.along_scans(initial.T_camera_lidar)
     candidates = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     stages = refine_and_polish(
         data, initial, config.refinement, config.seed, priors, on_event, candidates=candidates

@@ -58,11 +58,11 @@ def assess_given(
     if data.observations.has_vectors:
         raise InputError(f"{data.drive.path}: found features, which have no histogram; choose another cue")
     T = start.T_camera_lidar
-    data = data.along_scans(T)
+    given, data = data, data.along_scans(T)
     initial, refinement = start_at(data, start, on_event), config.refinement
     unrolled = data.unrolled(T)
     stages = Stages.from_refined(data, initial, None, is_compensated=True)
-    stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
+    stages = replace(stages, seen_refined=None if unrolled is given else unrolled.observations)
     deskewed, stages = deskew_sweeps(unrolled, stages, on_event, config.seed)
     stages = replace(stages, polished=polish(deskewed, stages.T_camera_lidar, refinement, on_event))
     stages = assess(data, stages, refinement, on_event)

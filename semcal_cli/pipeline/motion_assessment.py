@@ -43,7 +43,7 @@ def compare_speed(data: LoadedDrive, stages: Stages) -> Stages:
             f"{100.0 * speed_m_s * abs(skew.since_facing_s):.0f} cm off at {speed_m_s:.1f} m/s"
         )
         assessment = replace(assessment, notes=(*assessment.notes, note))
-    if (left := remaining_speed(data.observations, skew, stages.T_camera_lidar)) is not None:
+    if (left := remaining_speed(stages.seen or data.observations, skew, stages.T_camera_lidar)) is not None:
         sigma_m_s = 0.0 if motion.sigma is None else motion.sigma.linear_m_s
         assessment = assessment.with_measured(check_stated_motion(left, sigma_m_s))
     return replace(stages, assessment=assessment)

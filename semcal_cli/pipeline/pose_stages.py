@@ -128,8 +128,9 @@ def refine_and_polish(
 ) -> Stages:
     """Refine and polish the initial pose, then fuse it with priors, or estimate intrinsics and the clock with it.
 
-    With a rolling shutter, the refined pose gives the image row of each point. The points are moved to the moments of
-    their rows and the pose is refined again; all later stages use those points.
+    Image gradients are taken along the scan lines, as the initial pose projects them. With a rolling shutter, the
+    refined pose gives the image row of each point. The points are moved to the moments of their rows and the pose is
+    refined again; all later stages use those gradients and points.
 
     Poses from features are not polished: the polish needs the exact mutual information, which features do not have.
 
@@ -142,6 +143,7 @@ def refine_and_polish(
         CalibrationError: as `refine`.
     """
     check_options(data, config, priors)
+    given, data = data, data.along_scans(initial.T_camera_lidar)
     refine_from = partial(refine, config=config, seed=seed, priors=priors)
     T_initial = initial.T_camera_lidar
     refined = refine_from(data, T_initial, on_event=on_event, from_afar=from_afar, candidates=candidates)
@@ -151,6 +153,9 @@ def refine_and_polish(
             data, initial, refined, partial(refine_from, data), seed, on_event
         )
         of_search = () if is_clear else of_search
+        along = data.along_scans(refined.T_camera_lidar)
+        if along is not data:
+            data, refined = along, refine_from(along, refined.T_camera_lidar, on_event=on_event)
     unrolled = data.unrolled(refined.T_camera_lidar)
     if unrolled is not data:
         refined = refine_from(unrolled, refined.T_camera_lidar, on_event=on_event)
@@ -163,7 +168,7 @@ def refine_and_polish(
         is_compensated=True,
         of_search=of_search,
     )
-    stages = replace(stages, unrolled=None if unrolled is data else unrolled.observations)
+    stages = replace(stages, seen_refined=None if unrolled is given else unrolled.observations)
     if not is_polished(data.observations, config):
         return stages
     unrolled, stages = deskew_sweeps(

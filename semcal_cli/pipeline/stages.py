@@ -73,9 +73,9 @@ class Stages:
     assessment: Assessment | None = None
     repeatability: Repeatability | None = None
     cross_validation: CrossValidation | None = None
-    unrolled: Observations | None = None
-    """Observations that all stages after the refinement saw, line by line, if the shutter rolls; None if they saw those
-    of the drive."""
+    seen_refined: Observations | None = None
+    """Observations that all stages after the refinement saw: with gradients along the scan lines, and line by line if
+    the shutter rolls. None if they saw those of the drive."""
     of_data: tuple[Finding, ...] = ()
     """Findings against the data."""
     notes_on_data: tuple[str, ...] = ()
@@ -212,7 +212,7 @@ class Stages:
         """Observations as seen by the camera of the last pose; None if they are those of the drive."""
         if self.joint is not None and self.joint.is_kept:
             return self.joint.observations
-        return self.unrolled if self.deskewed is None else self.deskewed.observations
+        return self.seen_refined if self.deskewed is None else self.deskewed.observations
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -197,7 +197,7 @@ def verify(
     config = CalibrationConfig() if config is None else config
     limits = Limits() if limits is None else limits
     check_limits(limits)
-    data, camera_notes = _with_common_camera(load(data, config).along_scans(stated.T_camera_lidar), stated)
+    data, camera_notes = _with_common_camera(load(data, config), stated)
     if limits.delay_s is not None and twists_per_s(data.observations) is None:
         raise InputError(
             f"{data.drive.path}: motion: found no direction of motion, expected poses or a twist for --max-delay-ms"

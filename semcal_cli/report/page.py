@@ -194,6 +194,7 @@ def _reach_of_hypotheses(record: CalibrationDocument) -> tuple[float, float]:
 def both_overlays(verification: Verification, data: LoadedDrive, initial_pose: InitialPose) -> Overlays:
     """Put the verified transform and the one that was found side by side, on evenly spaced frames."""
     sample = data.of_frames(evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES))
+    sample = sample.along_scans(verification.T_camera_lidar)
     poses = {initial_pose.name: initial_pose.T_camera_lidar, ESTIMATED: verification.T_camera_lidar}
     estimated_drive = sample.drive.model_copy(update={"time_offset_s": verification.time_offset_s})
     observations = {ESTIMATED: seen_as(sample.first_cue, sample.drive, estimated_drive)}

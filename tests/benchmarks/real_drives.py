@@ -36,7 +36,7 @@ from real_data import (
 from semcal_cli.cli.options import CUES as CUE_NAMES
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.errors import SemcalError
+from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import (
     NUMBER,
@@ -181,6 +181,8 @@ def main(
     only: str = "",
 ) -> Iterator[str]:
     seeds = range(first_seed, first_seed + starts)
+    if changed is not None and rings != 64:
+        raise InputError("--rings: found --changed as well, needed one of the two")
     numbers: Sequence[Any] = pairs or (None,)
     with TemporaryDirectory() as folder:
         found = (

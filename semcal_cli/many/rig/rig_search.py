@@ -267,7 +267,8 @@ def best_places(
     nats = dict.fromkeys(by_anchor, 0.0)
     for name in names:
         poses = [places.poses[name] for places in by_anchor.values()]
-        for anchor, gained in zip(by_anchor, _information(load(name).observations, poses), strict=True):
+        observations = load(name).observations.along_scans(cameras[name].pose)
+        for anchor, gained in zip(by_anchor, _information(observations, poses), strict=True):
             nats[anchor] += gained
     best = by_anchor[max(nats, key=lambda anchor: nats[anchor])]
     again = fit_all([pair for pair in pairs if {pair.to, pair.source} <= {*names}], best.poses)

@@ -183,4 +183,7 @@ def _shifted(labelled: Labelled, count: int) -> Labelled:
     shifted = replace(labelled, classes=table[labelled.classes], shares=shares)
     if isinstance(shifted, LabelledCloud) and shifted.plain_class is not None:
         return replace(shifted, plain_class=int(table[shifted.plain_class]))
+    if isinstance(labelled, LabelledImage) and (lines := labelled.scan_lines) is not None:
+        regraded = replace(lines, regraded=lambda along: _shifted(lines.regraded(along), count))
+        return replace(shifted, scan_lines=regraded)
     return shifted

@@ -115,7 +115,7 @@ def observe_edges(
         config.blur_rays * edges.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
     )
 
-    graded = partial(_graded, drive, blur_px, config, edges.axis)
+    graded = partial(_read_graded, drive, blur_px, config, edges.axis)
     with thread_pool() as pool:
         images = list(pool.map(graded, drive.frames, seen_pixels(drive, drive.frames)))
     if not any(len(np.unique(image.classes[image.classes != NO_CLASS])) > 1 for image in images):
@@ -143,7 +143,7 @@ class SweepEdges(NamedTuple):
     spacing: float
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
     axis: Values
-    """(3,) axis about which the LiDAR turns, LiDAR frame: the median of the sweeps'."""
+    """(3,) axis about which the LiDAR turns, LiDAR frame, with either sign: the mean of the sweeps'."""
 
 
 def edges_of_sweeps(
@@ -178,10 +178,11 @@ def edges_of_sweeps(
         to_steps = np.where(steps_in_range[:, None], sweep.to_range_step_m, sweep.to_intensity_step_m)
         classes.append(of_points)
         to_steps_m.append(np.asarray(np.where(is_edge[:, None], to_steps, 0.0), np.float32))
-    spacing, axis = (
-        np.median([getattr(sweep, name) for sweep in steps], axis=0) for name in ("spacing", "axis")
-    )
-    return SweepEdges(classes, to_steps_m, names, float(spacing), axis)
+    spacing = float(np.median([sweep.spacing for sweep in steps]))
+    axes = np.array([sweep.axis for sweep in steps])
+    # Either end of an axis may be the one with a positive z.
+    axis = np.mean(axes * np.where(axes @ axes[0] < 0.0, -1.0, 1.0)[:, None], axis=0)
+    return SweepEdges(classes, to_steps_m, names, spacing, axis)
 
 
 def _classes(ranges_m: Values, steps: core.Steps, limits: Sequence[float], config: EdgesConfig) -> ClassIds:
@@ -201,7 +202,7 @@ def _classes(ranges_m: Values, steps: core.Steps, limits: Sequence[float], confi
     return classes
 
 
-def _graded(
+def _read_graded(
     drive: Drive,
     blur_px: float,
     config: EdgesConfig,
@@ -212,13 +213,13 @@ def _graded(
 ) -> LabelledImage:
     """Read the image of a frame, and find the levels of its gradients along the scan lines of a LiDAR.
 
-    Without a mask (H, W) of the pixels that show the scene, it is read again.
+    The mask (H, W) of the pixels that show the scene is read if it is not given.
     """
     image = read_needed_image(drive, frame)
     (mask,) = [mask] if mask is not None else seen_pixels(drive, [frame])
     with name_in_errors(drive.resolve(str(frame.image))):
         levels = _levels(drive.camera, image, mask, blur_px, config, along)
-    lines = ScanLines(axis.tolist(), along, partial(_graded, drive, blur_px, config, axis, frame, None))
+    lines = ScanLines(axis.tolist(), along, partial(_read_graded, drive, blur_px, config, axis, frame, None))
     return LabelledImage(levels, blur_px=config.level_blur_px, scan_lines=lines)
 
 

@@ -7,8 +7,6 @@ import cv2
 import numpy as np
 import yaml
 
-from semcal_cli.files.image_files import read_image
-
 TURN = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """(4, 4) from the frame of an upright camera to that of one on its side, whose images are turned clockwise."""
 
@@ -34,7 +32,8 @@ def write_portrait_drive(path: Path, folder: Path) -> Path:
         for key in frame.keys() & {"points", "point_labels"}:
             frame[key] = str(path / frame[key])
         for key in frame.keys() & {"image", "image_labels"}:
-            turned = cv2.rotate(read_image(path / frame[key]), cv2.ROTATE_90_CLOCKWISE)
+            stored = cv2.imread(str(path / frame[key]), cv2.IMREAD_UNCHANGED)
+            turned = cv2.rotate(stored, cv2.ROTATE_90_CLOCKWISE)
             frame[key] = f"{key}_{number}.png"
             cv2.imwrite(str(folder / frame[key]), turned)
     (folder / "drive.yaml").write_text(yaml.safe_dump(document))
