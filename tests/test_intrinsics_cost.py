@@ -1,6 +1,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from semcal_cli.checks.wrong_intrinsics import check_intrinsics
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_value, with_intrinsics
 from semcal_cli.drive.document import read_drive
+from semcal_cli.estimation.adjust import intrinsics_estimate
 from semcal_cli.estimation.adjust.intrinsics_estimate import estimate_intrinsics
 from semcal_cli.estimation.adjust.priors import Prior, fuse_with_priors
 from semcal_cli.estimation.refine.polish import newton
@@ -23,7 +25,7 @@ from semcal_cli.estimation.uncertainty.intrinsics import (
 )
 from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.geometry.twists import apply_twist, displace
 from semcal_cli.observations.cues.edges import STARTS, observe_edges
 from semcal_cli.observations.observations import Observations
 
@@ -158,6 +160,35 @@ def test_a_single_frame_does_not_confirm_k_by_edges(street: Path, street_truth: 
     assert check_intrinsics(None, one.camera).notes[0].startswith("K was not checked")
 
 
+@pytest.mark.parametrize(("with_given_focal", "is_accused"), [(0.0, False), (4.0, True)])
+def test_edges_accuse_k_only_with_the_given_focal_length_as_well(
+    fine_street: Path,
+    street_truth: Pose,
+    monkeypatch: pytest.MonkeyPatch,
+    with_given_focal: float,
+    is_accused: bool,
+) -> None:
+    seen = replace(observe_edges(read_drive(fine_street)), starts=STARTS)
+    T = displace(street_truth, 8.0, 0.0, np.random.default_rng(0))
+    around = around_intrinsics(seen, T)
+    sigma_px = 0.0
+
+    def ascend(_: Observations, T_start: Pose, names: tuple[str, ...]) -> SimpleNamespace:
+        off = 5.0 if "fy" in names else with_given_focal
+        changes = [off * sigma_px if name == "cy" else 0.0 for name in names]
+        return SimpleNamespace(changes=changes, T_camera_lidar=street_truth, moved_px=0.0)
+
+    monkeypatch.setattr(intrinsics_estimate, "ascend_with", ascend)
+    at_given = estimate_intrinsics(seen, T, around)
+    assert at_given is not None
+    index = [*at_given.given].index("cy")
+    sigma_px = float(at_given.sigmas[index])
+    estimate = estimate_intrinsics(seen, T, around)
+    assert estimate is not None
+    assert estimate.changes[index] == pytest.approx((5.0 if is_accused else 0.0) * sigma_px)
+    assert bool(findings_among(check_intrinsics(estimate, seen.camera).measured)) == is_accused
+
+
 @pytest.mark.parametrize(
     ("width", "height", "K", "named"),
     [
@@ -166,6 +197,7 @@ def test_a_single_frame_does_not_confirm_k_by_edges(street: Path, street_truth: 
         (1920, 1200, (2813.6, 2808.3, 969.3, 624.0), []),  # RELLIS-3D
         (1920, 1080, (1000.0, 1000.0, 640.0, 360.0), ["cx", "cy"]),  # of 1280 x 720
         (1408, 376, (552.6, 552.6, 682.0, 238.8), ["cy"]),  # KITTI-360, cropped above
+        (900, 1600, (1259.5, 1259.5, 398.8, 807.3), []),  # the one of nuScenes on its side
         (1280, 720, (1000.0, 900.0, 640.0, 360.0), ["fx"]),  # squeezed
     ],
 )
