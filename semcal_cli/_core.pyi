@@ -939,8 +939,8 @@ class Steps:
     """(N, 3) vector from each point half-way to the neighbour whose intensity differs more, metres."""
     spacing: float
     """Median angle between neighbouring rays, radians; 0 if there are none."""
-    axis: list[float]
-    """(3,) unit vector of the axis about which the LiDAR turns, LiDAR frame: z if the points do not tell another."""
+    axis: list[float] | None
+    """(3,) axis about which the LiDAR turns, LiDAR frame; None if the points are not in the order of a scan."""
     intensity: NDArray[np.float32] | None
     """(N,) larger intensity difference to a neighbour on the same surface; NaN if there is none."""
 

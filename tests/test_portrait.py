@@ -100,8 +100,11 @@ def test_the_axis_of_several_sweeps_has_one_sign() -> None:
         )
         points = np.float32(10.0 * np.concatenate(rings) @ turn.T)
         clouds.append(ArrayCloud(points, np.full(len(points), True), None, None, None, None))
-    axis = edges_of_sweeps(clouds).axis
-    assert abs(axis[1]) == pytest.approx(1.0, abs=1e-3)
+    # Two points tell no axis.
+    few = ArrayCloud(clouds[0].points[:2], np.full(2, True), None, None, None, None)
+    for sweeps in (clouds, [few, *clouds]):
+        assert abs(edges_of_sweeps(sweeps).axis[1]) == pytest.approx(1.0, abs=1e-3)
+    assert edges_of_sweeps([few]).axis.tolist() == [0.0, 0.0, 1.0]
 
 
 def test_a_speed_looks_like_an_error_of_cy(skewed: Observations, street_truth: Pose) -> None:

@@ -46,8 +46,8 @@ pub struct Steps {
     /// Vector from each point half-way to that neighbour, metres.
     pub to_intensity_step_m: Vec<[f32; 3]>,
     pub spacing: f64,
-    /// Axis about which the LiDAR turns, LiDAR frame: z if the points do not tell another.
-    pub axis: UnitVector3<f64>,
+    /// Axis about which the LiDAR turns, LiDAR frame; `None` if the points are not in the order of a scan.
+    pub axis: Option<UnitVector3<f64>>,
 }
 
 /// A sweep.
@@ -82,6 +82,8 @@ struct LinkedRays<'a> {
     points: Cow<'a, [[f32; 3]]>,
     /// Turns the frame of the LiDAR to that of these points.
     turn: Option<Rotation3<f64>>,
+    /// Axis about which the LiDAR turns, LiDAR frame; `None` if the points are not in the order of a scan.
+    axis: Option<UnitVector3<f64>>,
     rays: Vec<Ray>,
     neighbours: Vec<Sides>,
     /// Median angle between neighbours, radians.
@@ -93,13 +95,13 @@ struct LinkedRays<'a> {
 
 impl<'a> LinkedRays<'a> {
     fn of(sweep: &Scanned<'a>) -> Self {
+        let points = Cow::Borrowed(sweep.points);
         let rays = rays::returns(sweep.points);
-        let in_lines = scan_lines::neighbours(&rays, sweep.rings);
-        let about_z = |linked| Self::with(Cow::Borrowed(sweep.points), None, linked);
-        in_lines
-            .map(about_z)
-            .or_else(|| Self::about_another_axis(sweep, &rays))
-            .unwrap_or_else(|| about_z(same_elevation::neighbours(rays)))
+        if let Some(linked) = scan_lines::neighbours(&rays, sweep.rings) {
+            return Self::with(points, None, Some(Vector3::z_axis()), linked);
+        }
+        Self::about_another_axis(sweep, &rays)
+            .unwrap_or_else(|| Self::with(points, None, None, same_elevation::neighbours(rays)))
     }
 
     /// The rays of a LiDAR that turns about another axis than z; `None` if they are not in the order of its scan, or take up
@@ -110,12 +112,13 @@ impl<'a> LinkedRays<'a> {
         let points: Vec<[f32; 3]> = sweep.points.iter().map(|point| turned(&turn, point)).collect();
         let rays = rays::returns(&points);
         let linked = scan_axis::is_all_around(&rays).then(|| scan_lines::neighbours(&rays, sweep.rings))?;
-        Some(Self::with(Cow::Owned(points), Some(turn), linked?))
+        Some(Self::with(Cow::Owned(points), Some(turn), Some(axis), linked?))
     }
 
     fn with(
         points: Cow<'a, [[f32; 3]]>,
         turn: Option<Rotation3<f64>>,
+        axis: Option<UnitVector3<f64>>,
         (rays, mut neighbours): (Vec<Ray>, Vec<Sides>),
     ) -> Self {
         let spacing = median_distance(&neighbours);
@@ -125,12 +128,7 @@ impl<'a> LinkedRays<'a> {
         let directions = directions.filter(|(pair, _)| !pair[0].is_in_line_with(&pair[1]));
         let is_open: Vec<bool> = directions.map(|(_, sides)| sides.iter().any(Option::is_none)).collect();
         let num_open = is_open.iter().filter(|&&is_open| is_open).count();
-        Self { points, turn, rays, neighbours, spacing, num_directions: is_open.len(), num_open }
-    }
-
-    /// Axis about which the LiDAR turns, LiDAR frame.
-    fn axis(&self) -> UnitVector3<f64> {
-        self.turn.map_or(Vector3::z_axis(), |turn| turn.inverse() * Vector3::z_axis())
+        Self { points, turn, axis, rays, neighbours, spacing, num_directions: is_open.len(), num_open }
     }
 
     /// A vector in the frame of the LiDAR.
@@ -148,7 +146,7 @@ fn of_sweep(sweep: Scanned, linked: &LinkedRays, same_surface_m: f64, is_pattern
         intensity: intensity.map(|values| vec![f32::NAN; values.len()]),
         to_intensity_step_m: vec![[0.0; 3]; points.len()],
         spacing: *spacing,
-        axis: linked.axis(),
+        axis: linked.axis,
     };
     let step_to_nothing = if is_pattern_open { f64::NEG_INFINITY } else { f64::INFINITY };
     for (ray, sides) in rays.iter().zip(neighbours) {
@@ -317,11 +315,11 @@ mod tests {
             let turn = Rotation3::from_euler_angles(angles[0], angles[1], angles[2]);
             let from_turned: Vec<[f32; 3]> = points.iter().map(|point| turned(&turn, point)).collect();
             let found = steps_of(&from_turned);
-            assert!(found.axis.dot(&(turn * Vector3::z_axis())).abs() > 0.9999, "{angles:?}");
+            assert!(found.axis.unwrap().dot(&(turn * Vector3::z_axis())).abs() > 0.9999, "{angles:?}");
             // A view of 120 degrees may as well be scanned column by column.
             let in_view: Vec<[f32; 3]> =
                 rings.iter().flat_map(|ring| &ring[300..540]).map(|point| turned(&turn, point)).collect();
-            assert_eq!(steps_of(&in_view).axis, Vector3::z_axis());
+            assert_eq!(steps_of(&in_view).axis, None);
             for (index, step) in upright.range_m.iter().enumerate() {
                 let own = found.range_m[index];
                 assert!(own == *step || (own - step).abs() < 1e-3, "{angles:?} {index}: {own} {step}");

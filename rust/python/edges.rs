@@ -19,7 +19,7 @@ pub(super) struct PySteps {
     to_range_step_m: Py<PyArray2<f32>>,
     to_intensity_step_m: Py<PyArray2<f32>>,
     spacing: f64,
-    axis: [f64; 3],
+    axis: Option<[f64; 3]>,
     intensity: Option<Py<PyArray1<f32>>>,
 }
 
@@ -61,7 +61,7 @@ impl PySteps {
             to_range_step_m: to_array2(py, &steps.to_range_step_m)?.unbind(),
             to_intensity_step_m: to_array2(py, &steps.to_intensity_step_m)?.unbind(),
             spacing: steps.spacing,
-            axis: steps.axis.into_inner().into(),
+            axis: steps.axis.map(|axis| axis.into_inner().into()),
             intensity: steps.intensity.as_ref().map(|values| PyArray1::from_slice(py, values).unbind()),
         })
     }

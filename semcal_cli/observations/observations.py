@@ -76,6 +76,7 @@ class LabelledCloud:
 Along: TypeAlias = Literal["rows", "columns"]
 """Whether the scan lines of a LiDAR run along the rows or the columns of an image."""
 Z_AXIS = (0.0, 0.0, 1.0)
+"""Axis about which a LiDAR turns where nothing tells another, LiDAR frame."""
 MIN_ACROSS, MIN_RATIO = 0.5, 1.5
 """Component of a LiDAR's axis to the right of the camera, and ratio of it to that downwards, beyond which scan lines
 run along the columns. A camera that is rolled by up to 56 degrees, or looks along the axis, counts as upright."""

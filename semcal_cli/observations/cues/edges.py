@@ -25,13 +25,14 @@ from semcal_cli.drive.frames import Frame
 from semcal_cli.errors import CalibrationError, name_in_errors
 from semcal_cli.files.array_forms import SweepCloud
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.geometry.arrays import ClassIds, Image, Mask, Points, Values
+from semcal_cli.geometry.arrays import ClassIds, Image, Mask, Numbers, Points, Values
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.intensity import surroundings
 from semcal_cli.observations.masks import seen_pixels
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import (
     NO_CLASS,
+    Z_AXIS,
     Along,
     LabelledCloud,
     LabelledImage,
@@ -142,7 +143,7 @@ class SweepEdges(NamedTuple):
     steps, that in range counts."""
     spacing: float
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
-    axis: Values
+    axis: Numbers
     """(3,) axis about which the LiDAR turns, LiDAR frame, with either sign: the mean of the sweeps'."""
 
 
@@ -179,10 +180,13 @@ def edges_of_sweeps(
         classes.append(of_points)
         to_steps_m.append(np.asarray(np.where(is_edge[:, None], to_steps, 0.0), np.float32))
     spacing = float(np.median([sweep.spacing for sweep in steps]))
-    axes = np.array([sweep.axis for sweep in steps])
-    # Either end of an axis may be the one with a positive z.
-    axis = np.mean(axes * np.where(axes @ axes[0] < 0.0, -1.0, 1.0)[:, None], axis=0)
-    return SweepEdges(classes, to_steps_m, names, spacing, axis)
+    return SweepEdges(classes, to_steps_m, names, spacing, _axis_of(steps))
+
+
+def _axis_of(sweeps: Sequence[core.Steps]) -> Numbers:
+    """Compute the mean axis (3,) of the sweeps that tell one; z if none does. Either end of it may be meant."""
+    axes = np.array([sweep.axis for sweep in sweeps if sweep.axis is not None] or [[*Z_AXIS]])
+    return np.asarray(np.linalg.eigh(axes.T @ axes).eigenvectors[:, -1])
 
 
 def _classes(ranges_m: Values, steps: core.Steps, limits: Sequence[float], config: EdgesConfig) -> ClassIds:
@@ -206,7 +210,7 @@ def _read_graded(
     drive: Drive,
     blur_px: float,
     config: EdgesConfig,
-    axis: Values,
+    axis: Numbers,
     frame: Frame,
     mask: Mask | None = None,
     along: Along = "rows",
