@@ -125,12 +125,10 @@ class LabelledImage:
         """Copy with other classes (H, W); probabilities and features stay."""
         return replace(self, classes=classes)
 
-    def along_scans(self, T_camera_lidar: Pose) -> LabelledImage:
-        """Return the image with gradients taken along the scan lines, as a pose (4, 4) projects them."""
+    def along_scans(self, along: Along) -> LabelledImage:
+        """Return the image with gradients taken along scan lines that run along these lines of pixels."""
         lines = self.scan_lines
-        if lines is None or (along := along_at(T_camera_lidar, lines.axis)) == lines.along:
-            return self
-        return lines.regraded(along)
+        return self if lines is None or lines.along == along else lines.regraded(along)
 
     def without_shares(self) -> LabelledImage:
         """Copy in which each pixel belongs to its class with certainty."""
@@ -303,12 +301,11 @@ class Observations:
             InputError: an image that is read again is missing or wrong.
             CalibrationError: no pixel of it has a gradient.
         """
-        if all(image.scan_lines is None for image in self.images):
+        along = self.along(T_camera_lidar)
+        if all(image.scan_lines is None or image.along == along for image in self.images):
             return self
         with thread_pool() as pool:
-            images = list(pool.map(lambda image: image.along_scans(T_camera_lidar), self.images))
-        is_same = all(image is before for image, before in zip(images, self.images, strict=True))
-        return self if is_same else self.with_images(images)
+            return self.with_images(pool.map(lambda image: image.along_scans(along), self.images))
 
     def weighed(self, weight: float) -> Observations:
         """Copy in which each point weighs so many times as much when a pose is refined."""

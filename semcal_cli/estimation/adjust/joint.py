@@ -181,8 +181,8 @@ def _left_open(
         about[np.ix_(indices, indices)] += np.outer(fit.changes, fit.changes)
         errors = problem.speed_errors
         if errors is not None and errors.center in fit.variables.names:
-            # An error dv of the speed is counted elsewhere, by the change p' of the pose per m/s with the c free,
-            # which comes with its change c'. The pose with the given centre is off by
+            # An error dv of the speed is counted elsewhere, by the change p' of the pose per m/s with the
+            # coordinate c free, which comes with its change c'. The pose with the given one is off by
             # shift (c_given - c_true) + (p' - shift c') dv = shift (c_given - c_found + noise) + p' dv,
             # as c_found = c_true + noise + c' dv: the part of its variance by the speed cancels.
             at_center = asked.names.index(errors.center)
